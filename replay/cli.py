@@ -10,8 +10,13 @@ from pathlib import Path
 from models.arguments import Parser, run_command
 from models.errors import ConfigError, LogError
 from models.version import VersionAction
-from replay.parameters import assumed_parameters
-from replay.pipeline_options import add_answer_options, add_folder_options, add_pipeline_options, pipeline_config
+from replay.pipeline_options import (
+    add_answer_options,
+    add_folder_options,
+    add_pipeline_options,
+    assumed_parameters,
+    pipeline_config,
+)
 
 _COMMANDS = (
     "replay.diagnosis.cli",

@@ -55,16 +55,11 @@ def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:
 
 def check_targets(a: argparse.Namespace) -> None:
     """Refuse places that cannot be written before minutes are spent on what would go there."""
-    for option, is_file in (
-        ("json", True),
-        ("save_vehicle", True),
-        ("save_model", False),
-        ("report", False),
-        ("out", False),
-    ):
+    for option in ("json", "save_vehicle", "save_model", "report", "out"):
         given = getattr(a, option, None)
         if given in (None, "-"):
             continue
+        is_file = option in ("json", "save_vehicle")
         target, said = Path(given), f"--{option.replace('_', '-')} {given}"
         if is_file and target.is_dir():
             raise ConfigError(f"{said}: is a folder; name a file")

@@ -141,6 +141,14 @@ class EscRecord:
 
 
 @dataclass(frozen=True)
+class LogFault:
+    """A channel that is not to be believed, and why."""
+
+    channel: str
+    what: str
+
+
+@dataclass(frozen=True)
 class Interval:
     """start <= t < end [s, boot axis], and what held then (a mode number, a landed state)."""
 
@@ -271,7 +279,18 @@ class FlightLog:
         DISTANCE_SENSOR before RANGEFINDER, unless both tell the same distance and RANGEFINDER is finer and no slower;
         among equals the one with more good readings.
         """
-        return best_beam([b for b in self.beams if b.name == direction])
+        beams = [b for b in self.beams if b.name == direction]
+        own = sorted((b for b in beams if b.source != "RANGEFINDER"), key=lambda b: -len(b.good))
+        old = next((b for b in beams if b.source == "RANGEFINDER"), None)
+        if not own:
+            return old
+        best = own[0]
+        if old is None or not len(best.good) or not len(old.good):
+            return best
+        finer = old.step_m < best.step_m and not old.good.rate_hz < best.good.rate_hz
+        difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
+        same = bool(np.nanmedian(difference) <= best.step_m) if np.isfinite(difference).any() else False
+        return old if finer and same else best
 
     def missing(self, *names: str) -> list[str]:
         """Which of the named columns (``"attitude"``, ``"imus"`` ...) this log does not hold."""
@@ -286,18 +305,3 @@ def direction_name(direction: tuple[float, float, float]) -> str:
         if float(np.dot(axis, direction)) >= _SAME_DIRECTION:
             return name
     return "other"
-
-
-def best_beam(beams: list[Beam]) -> Beam | None:
-    """See ``FlightLog.beam``."""
-    own = sorted((b for b in beams if b.source != "RANGEFINDER"), key=lambda b: -len(b.good))
-    old = next((b for b in beams if b.source == "RANGEFINDER"), None)
-    if not own:
-        return old
-    best = own[0]
-    if old is None or not len(best.good) or not len(old.good):
-        return best
-    finer = old.step_m < best.step_m and not old.good.rate_hz < best.good.rate_hz
-    difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
-    same = bool(np.nanmedian(difference) <= best.step_m) if np.isfinite(difference).any() else False
-    return old if finer and same else best

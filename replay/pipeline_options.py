@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.adapt_options import Adapt, read_adapt
 from companion.vehicles import vehicle_path
+from models.errors import ConfigError
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
@@ -52,6 +55,20 @@ def add_folder_options(p: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
     g.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files")
+
+
+def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
+    """``NAME=VALUE`` of the command line; ConfigError where one is no number."""
+    out = {}
+    for pair in pairs:
+        name, _, value = pair.partition("=")
+        try:
+            out[name] = float(value)
+        except ValueError:
+            out[name] = math.nan
+        if not name or not math.isfinite(out[name]):
+            raise ConfigError(f"--param {pair}: must be NAME=NUMBER, such as GUID_OPTIONS=8")
+    return out
 
 
 def pipeline_config(

@@ -73,12 +73,11 @@ def learn(records: Sequence[Record]) -> Baseline:
     best = walked.best
     found, explained = [], [np.zeros_like(r.residual) for r in records]
     for t in (t for t in best.terms if t.effect is not None):
-        assert t.effect is not None
         for f in t.places:
             x, _ = walked.evidence.library.wrenches(t, f)
             b = best.sizes(t, f)
             explained[f] += x @ b
-        found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
+        found.append(AdoptedEffect(t.name, t.named.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
     sizes = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
     return Baseline(tuple(records), tuple(found), tuple(sizes))
@@ -115,8 +114,7 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
 
 def _other_shape(term: Term, fit: Fit) -> bool:
     """Whether a change would only bend what all flights have in common: that is a matter of its form."""
-    assert term.effect is not None
-    continuous = any(s.continuous for s in term.effect.shapes)
+    continuous = any(s.continuous for s in term.named.shapes)
     return continuous and any(t.name == term.name and t.shape != term.shape for t in fit.terms)
 
 
@@ -125,10 +123,9 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
 
     The odds of an effect that has kinds are those of each: every fan may have a nicked blade.
     """
-    assert term.effect is not None
     part = fit.part(term)
     within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
-    kinds = 0.0 if any(s.continuous for s in term.effect.shapes) else term.log_shape
+    kinds = 0.0 if any(s.continuous for s in term.named.shapes) else term.log_shape
     prior = term.prior - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
     return TRUST * (fit.evidence - less.evidence) + within + prior
 
@@ -164,25 +161,23 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
 
 def _estimates(fit: Fit, term: Term) -> tuple[Estimate, ...]:
     """Coefficients with their 95 % intervals, then the shape."""
-    assert term.effect is not None
     assert term.flight is not None
     part, place = fit.part(term), term.place(term.flight)
     mean, sd = fit.sizes(term, term.flight), np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     out = [
         Estimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
-        for c, m, s in zip(term.effect.coefficients, mean, sd, strict=True)
+        for c, m, s in zip(term.named.coefficients, mean, sd, strict=True)
     ]
-    out += [Estimate(s.name, v, (v, v), s.unit) for s, v in zip(term.effect.shapes, term.shape, strict=True)]
+    out += [Estimate(s.name, v, (v, v), s.unit) for s, v in zip(term.named.shapes, term.shape, strict=True)]
     return tuple(out)
 
 
 def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     """Whether a possible size that makes the effect is clearly not zero, and does a hundredth of the weight."""
-    assert term.effect is not None
     b = fit.b[fit.part(term)]
     if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
         return False
-    main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
+    main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
     if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
     u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)

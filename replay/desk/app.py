@@ -20,9 +20,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.templating import Jinja2Templates
 
 from models.pages.document import PAGE_STYLE
-from replay.desk.fields import others, rows
 from replay.desk.guard import Guard
-from replay.desk.question import Question
+from replay.desk.question import Question, others, rows
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_text
 from replay.desk.work import Work
 from replay.logs.formats import READERS

@@ -12,8 +12,8 @@ from models.effects import AdoptedEffect, BelongsTo, InFlight
 from models.frames import AXES, GRAVITY, Array
 from replay.diagnosis.amended_model import to_adopt
 from replay.diagnosis.words import estimate_text, kept_words
+from replay.flightlog import LogFault
 from replay.numbers import rounded
-from replay.residual.fault import LogFault
 from replay.residual.record import Record
 from replay.search.curves import Carrier
 from replay.search.outside import Outside
@@ -21,6 +21,10 @@ from replay.search.results import Found, Searched, corrected_together
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 """Of the axes."""
+BLOCK_S = 3.0
+"""Blocks of the bootstrap: longer than a residual hangs together [s]."""
+_DRAWS = 400
+"""Of the bootstrap: the ends of a 95 % interval are then sure to a fifth of its width."""
 WHERE = {"low": "near the ground", "wall": "near the wall", "corner": "in the corner"}
 
 
@@ -122,6 +126,20 @@ class Diagnosis(Searched):
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
         lines += [f"  {outside_text(o)}" for t in self.traces for o in t.outside]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+
+def rms_interval(residual: Array, step_s: float) -> tuple[float, float, float]:
+    """RMS of (n,) with its 95 % interval from a bootstrap over blocks of ``BLOCK_S``.
+
+    Künsch 1989, Annals of Statistics 17, 1217.
+    """
+    square = residual**2
+    parts = np.array_split(square, max(len(square) // max(round(BLOCK_S / step_s), 1), 2))
+    sums, counts = np.array([p.sum() for p in parts]), np.array([len(p) for p in parts])
+    pick = np.random.default_rng(0).integers(0, len(parts), (_DRAWS, len(parts)))
+    draws = np.sqrt(sums[pick].sum(1) / np.maximum(counts[pick].sum(1), 1))
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return float(np.sqrt(square.mean())), float(low), float(high)
 
 
 def _of_weight(values: Sequence[float], unit: str, answer: Diagnosis) -> dict[str, list[float]]:

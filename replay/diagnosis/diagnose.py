@@ -71,7 +71,7 @@ def read_records(
     effects = () if model is None else model.effects
     for path in paths:
         told: dict[str, None] = {}
-        own = Stretches[Record]()
+        own = Stretches()
         boot = 0
         try:
             for log in load(path, target_system):

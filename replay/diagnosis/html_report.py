@@ -9,8 +9,7 @@ import numpy as np
 from models.effects import get
 from models.frames import AXES
 from models.vehicle import Vehicle
-from replay.diagnosis.answer import UNITS, Diagnosis, outside_text
-from replay.diagnosis.interval import rms_interval
+from replay.diagnosis.answer import UNITS, Diagnosis, outside_text, rms_interval
 from replay.diagnosis.next_step import certainty, next_step, size_words
 from replay.diagnosis.pictures import against, effect_picture, series
 from replay.diagnosis.words import AXIS_WORDS, channel_words, kept_words, listed, plain, unit_words

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Generic, Protocol, TypeVar
-
-
-class _HasDuration(Protocol):
-    @property
-    def seconds(self) -> float: ...
-
-
-T = TypeVar("T", bound=_HasDuration)
+from replay.residual.record import Record
 
 MOST_S = 2.0 * 3600.0
 """Of one log. More changes little in what is known of a vehicle, and two hours need 1.5 GiB."""
 
 
-class Stretches(Generic[T]):
+class Stretches:
     """Records of a log in their order; of a long one every second, fourth ... stretch, so that they cover all of it."""
 
     def __init__(self) -> None:
-        self.records: list[T] = []
+        self.records: list[Record] = []
         self._met = 0
         self.one_of = 1
         """Of so many stretches one is judged."""
@@ -30,7 +22,7 @@ class Stretches(Generic[T]):
         self._met += 1
         return (self._met - 1) % self.one_of == 0
 
-    def add(self, record: T) -> None:
+    def add(self, record: Record) -> None:
         """Keep a record; where they are too much together, every second one is dropped."""
         self.records.append(record)
         while len(self.records) > 1 and sum(r.seconds for r in self.records) > MOST_S:

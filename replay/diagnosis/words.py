@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 from models.effects import BelongsTo, Effect, InFlight
-
-if TYPE_CHECKING:
-    from replay.search.results import Estimate
+from replay.search.results import Estimate
 
 AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
 """Fx Fy Fz Mx My Mz, body FRD."""

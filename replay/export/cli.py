@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError, LogError
-from replay.parameters import assumed_parameters
-from replay.pipeline_options import add_pipeline_options, pipeline_config
+from replay.pipeline_options import add_pipeline_options, assumed_parameters, pipeline_config
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, a missing package or an unwritable file; 3 log unreadable;
 130 interrupted. Columns and units: docs/logs.md."""

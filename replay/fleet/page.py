@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.control.authority import Reason
 from replay.report import render
-from replay.rerun.mend import lasted, to_mend
+from replay.rerun.page import lasted, to_mend
 
 _COMMON = 0.5
 """Share of the judged logs from which an effect belongs to the vehicle rather than to single flights."""

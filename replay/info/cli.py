@@ -11,7 +11,7 @@ from typing import Any
 from companion.vehicles import vehicle_path
 from models.arguments import speaks
 from models.errors import LogError
-from replay.pipeline_options import add_answer_options
+from replay.pipeline_options import add_answer_options, assumed_parameters
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log was unreadable; 130 interrupted."""
 
@@ -43,7 +43,6 @@ def run(a: argparse.Namespace) -> int:
     from replay.command import declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
     from replay.info.info import decided, inspect
-    from replay.parameters import assumed_parameters
     from replay.vehicle.draft import Given
 
     declared(a.vehicle, a.model)  # a wrong file is said once, before the work

@@ -67,13 +67,8 @@ _ULG = {
 
 def change_for(log: FlightLog, quantity: str) -> str:
     """What to set so that the next log of this kind holds ``quantity``, by the autopilot's parameter names."""
-    suffix = suffix_of(log.path)
-    if suffix == ".bin":
-        return _BIN[quantity]
-    if suffix == ".ulg":
-        return _ULG[quantity]
-    if log.autopilot == PX4:
-        return _TLOG_PX4[quantity]
-    if log.autopilot == ARDUPILOT:
-        return _TLOG_ARDUPILOT[quantity]
+    of_links = {ARDUPILOT: _TLOG_ARDUPILOT, PX4: _TLOG_PX4}.get(log.autopilot or 0)
+    settings = {".bin": _BIN, ".ulg": _ULG}.get(suffix_of(log.path), of_links)
+    if settings is not None:
+        return settings[quantity]
     return f"ArduPilot: {_TLOG_ARDUPILOT[quantity]}; PX4: {_TLOG_PX4[quantity]}"

@@ -181,12 +181,10 @@ class _Reader:
 
     def _servos(self) -> dict[int, Series]:
         """Outputs [us] by instance, those that are used first: an instance that is all zeros drives nothing."""
-        found: dict[int, Series] = {}
-        for port, topic in enumerate(self._topics.get("actuator_outputs", [])):
-            series = topic.series(self._in_us(topic.array("output", _OUTPUTS)))
-            if series is not None:
-                found[port] = series
-        return dict(sorted(found.items(), key=lambda item: not np.nan_to_num(item[1].values).any()))
+        topics = self._topics.get("actuator_outputs", [])
+        ports = enumerate(topic.series(self._in_us(topic.array("output", _OUTPUTS))) for topic in topics)
+        found = [(port, series) for port, series in ports if series is not None]
+        return dict(sorted(found, key=lambda item: not np.nan_to_num(item[1].values).any()))
 
     def _in_us(self, output: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (n, 16) as pulses of 1000 to 2000 us; DShot gives its motors 0 to 1999, CAN 0 to 8191."""
@@ -206,12 +204,10 @@ class _Reader:
 
     def _position(self) -> tuple[Series | None, Series | None]:
         topic = self._first("vehicle_local_position")
-        position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
-        valid = topic.columns("xy_valid", "z_valid", "v_xy_valid", "v_z_valid") > 0.0
-        position[~valid[:, 0], :2] = np.nan
-        position[~valid[:, 1], 2] = np.nan
-        velocity[~valid[:, 2], :2] = np.nan
-        velocity[~valid[:, 3], 2] = np.nan
+        placed = topic.columns("xy_valid", "xy_valid", "z_valid") > 0.0
+        moving = topic.columns("v_xy_valid", "v_xy_valid", "v_z_valid") > 0.0
+        position = np.where(placed, topic.columns("x", "y", "z"), np.nan)
+        velocity = np.where(moving, topic.columns("vx", "vy", "vz"), np.nan)
         return topic.series(position), topic.series(velocity)
 
     def _imus(self) -> tuple[ImuRecord, ...]:

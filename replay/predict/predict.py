@@ -14,9 +14,8 @@ from models.frames import AXES, Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import known_day, learnt_from
-from replay.diagnosis.answer import UNITS
+from replay.diagnosis.answer import UNITS, rms_interval
 from replay.diagnosis.diagnose import read_records
-from replay.diagnosis.interval import rms_interval
 from replay.numbers import rounded
 from replay.predict.day import LEARNING_S, Day, learn_day, learning_time
 from replay.residual.grid import Mask

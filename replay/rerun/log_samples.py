@@ -22,7 +22,7 @@ from companion.mavlink.samples import (
     ServoOutput,
     SetAttitudeTarget,
 )
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, Series
+from replay.flightlog import Beam, FlightLog, ImuRecord, Interval, Series
 
 _COMPONENT = 1
 """Component of an autopilot (MAV_COMP_ID_AUTOPILOT1)."""
@@ -34,20 +34,19 @@ _SAME_MESSAGE_S = 0.1
 
 def samples(log: FlightLog) -> Iterator[Sample]:
     """Samples of a boot in order of time. Heartbeats come once a second, parameters at the start."""
-    yield from _parameters(log)
-    yield from (sample for sample in _merged(log) if log.start_s <= sample.t_s)
-
-
-def _merged(log: FlightLog) -> Iterator[Sample]:
     head = (log.system, _COMPONENT)
+    for name, value in log.parameters.items():
+        yield Parameter(log.start_s, *head, name, value)
     streams: list[Iterator[Sample]] = [_heartbeats(log), _attitudes(log, head), _positions(log, head)]
     streams += [_ranges(beam, head) for beam in log.beams if beam.source != "RANGEFINDER"]
     streams += [iter(log.rings)]
-    streams += [_speeds(number, esc, head) for number, esc in log.escs.items()]
+    streams += [_speeds(number, esc.rpm, head) for number, esc in log.escs.items()]
     streams += [_servos(port, series, head) for port, series in log.servo_ports.items()]
-    streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head), _landed(log, head)]
+    streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head)]
+    streams += [(LandedState(i.start_s, *head, i.value) for i in log.landed)]
     streams += [_imu(one, head) for one in log.imus[:1]]
-    yield from heapq.merge(*streams, key=lambda sample: sample.t_s)
+    merged = heapq.merge(*streams, key=lambda sample: sample.t_s)
+    yield from (sample for sample in merged if log.start_s <= sample.t_s)
 
 
 Head = tuple[int, int]
@@ -66,21 +65,16 @@ def _imu(imu: ImuRecord, head: Head) -> Iterator[Sample]:
         yield Imu(t, *head, (x, y, z), (p, q, r), imu.source)
 
 
-def _parameters(log: FlightLog) -> Iterator[Sample]:
-    for name, value in log.parameters.items():
-        yield Parameter(log.start_s, log.system, _COMPONENT, name, value)
-
-
-def _value(intervals: tuple[Interval, ...], t: float, default: int) -> int:
-    return next((i.value for i in intervals if i.start_s <= t < i.end_s), default)
+def _value(intervals: tuple[Interval, ...], t: float) -> int:
+    """What held at a time; 0 where nothing is known."""
+    return next((i.value for i in intervals if i.start_s <= t < i.end_s), 0)
 
 
 def _heartbeats(log: FlightLog) -> Iterator[Sample]:
     if log.autopilot is None:
         return
     for t in np.arange(log.start_s, log.end_s, _HEARTBEAT_S).tolist():
-        armed = _value(log.armed, t, 0) != 0
-        mode = _value(log.modes, t, 0)
+        armed, mode = _value(log.armed, t) != 0, _value(log.modes, t)
         yield Heartbeat(t, log.system, _COMPONENT, armed, mode, log.autopilot, log.vehicle_type or 0)
 
 
@@ -113,9 +107,9 @@ def _ranges(beam: Beam, head: Head) -> Iterator[Sample]:
         )  # fmt: skip
 
 
-def _speeds(number: int, esc: EscRecord, head: Head) -> Iterator[Sample]:
-    for t, (rpm,) in _rows(esc.rpm):
-        yield RotorSpeeds(t, *head, number, (rpm,), "" if esc.rpm is None else esc.rpm.source)
+def _speeds(number: int, series: Series | None, head: Head) -> Iterator[Sample]:
+    for t, (rpm,) in _rows(series):
+        yield RotorSpeeds(t, *head, number, (rpm,), series.source if series is not None else "")
 
 
 def _servos(port: int, series: Series, head: Head) -> Iterator[Sample]:
@@ -140,8 +134,3 @@ def _commands(log: FlightLog, head: Head) -> Iterator[Sample]:
     nan = float("nan")
     for t, (w, x, y, z, thrust) in _rows(log.commands):
         yield SetAttitudeTarget(t, 255, 190, 7, (w, x, y, z), (nan, nan, nan), thrust, *head)
-
-
-def _landed(log: FlightLog, head: Head) -> Iterator[Sample]:
-    for interval in log.landed:
-        yield LandedState(interval.start_s, *head, interval.value)

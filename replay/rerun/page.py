@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from companion.control.authority import Reason
 from models.pages.svg import Band, Line, figure, keys
 from replay.report import render
 from replay.rerun.history import History
-from replay.rerun.mend import to_mend
 from replay.rerun.report import RunReport
 
 _SMALL_THRUST, _SMALL_TILT_DEG = 0.05, 3.0
 """Offsets up to which a first flight with them is reasonable (docs/install.md, checklist)."""
 _MOSTLY = 0.5
 """Share of the time from which the offsets are what to look at, and below which the reasons are."""
+_ORDINARY = (Reason.NOT_ARMED, Reason.LANDED, Reason.TAKING_OFF, Reason.STOPPING)
+"""Reasons that every flight has."""
 _PLOTS: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...] = (
     ("Distance [m]", (("h_m", "to the ground", "a"), ("d_m", "to the wall", "b"))),
     ("Force of the air, as modelled [N]", (("lift_n", "up", "after"), ("side_n", "sideways", "before"))),
@@ -73,6 +76,21 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
             "set smaller ones under [limits] in the vehicle file."
         )
     return head, f"the {size} are small enough for a first flight with offsets: checklist in docs/install.md."
+
+
+def to_mend(refusals: Iterable[tuple[Reason, float]]) -> str:
+    """What to correct first so that offsets act: the reason that stopped them longest, with its time.
+
+    Empty where there are only those that every flight has.
+    """
+    own = [(seconds, reason.value) for reason, seconds in refusals if reason not in _ORDINARY and seconds > 0.0]
+    seconds, reason = max(own, default=(0.0, ""))
+    return f"{reason}, {lasted(seconds)}" if reason else ""
+
+
+def lasted(seconds: float) -> str:
+    """A length of time in words."""
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} minutes"
 
 
 def _plots(history: History) -> str:

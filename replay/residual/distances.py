@@ -24,7 +24,7 @@ from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from models.vehicle import Vector3, Vehicle
-from replay.flightlog import Beam, FlightLog, Series, best_beam, direction_name
+from replay.flightlog import Beam, FlightLog, Series, direction_name
 from replay.residual.grid import Mask
 
 _MEASURED = (RangeVerdict.OK, RangeVerdict.ABOVE_MAX)
@@ -92,9 +92,8 @@ def _carried(plane: PlaneDistance, t: Array, position: Array) -> PlaneDistance:
 
 def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
     wanted = orientation_direction(orientation)
-    if wanted is None:
-        return None
-    return best_beam([b for b in log.beams if b.name == direction_name(wanted) and b.name != "other"])
+    name = "other" if wanted is None else direction_name(wanted)
+    return None if name == "other" else log.beam(name)
 
 
 def ground_height(

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.effects import Context
-from replay.flightlog import Beam, FlightLog
+from replay.flightlog import Beam, FlightLog, LogFault
 from replay.residual import motion_faults, rotor_faults, vehicle_faults
-from replay.residual.fault import LogFault
 from replay.residual.grid import Mask
 from replay.residual.motion import ENOUGH_S, Motion
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.frames import Array
-from replay.residual.fault import LogFault
+from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change, running_mean
 from replay.residual.motion import Motion
 

@@ -15,14 +15,12 @@ from models.frames import Array, measured_wrench
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
-from replay.flightlog import FlightLog
-from replay.residual.channels import named_channels
+from replay.flightlog import FlightLog, LogFault
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
-from replay.residual.fault import LogFault
 from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
-from replay.residual.log_state import decimated, neutral_servos, raw_state, rotor_columns
+from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Motion, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
 from replay.residual.validity import Excluded, judged_time

@@ -6,8 +6,7 @@ import numpy as np
 
 from models.effects import Context
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog
-from replay.residual.fault import LogFault
+from replay.flightlog import FlightLog, LogFault
 from replay.residual.grid import Mask
 from replay.residual.motion import Motion, rotor_rate_hz
 

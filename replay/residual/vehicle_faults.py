@@ -9,7 +9,7 @@ import numpy as np
 from models.effects import Context
 from models.frames import Array
 from models.lift_ratio import JUDGED
-from replay.residual.fault import LogFault
+from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change
 from replay.residual.motion import Motion
 

@@ -140,7 +140,6 @@ def _acting(
     library: Library, best: Fit, t: Term, f: int, folds: Sequence[Fit], fold_of: NDArray[np.int64]
 ) -> tuple[Acting, Array]:
     """One effect on a flight, and its wrench (n, 6) with its model-form error by coefficients of all time."""
-    assert t.effect is not None
     record = library.records[f]
     judged = np.isin(np.arange(6), record.axes)
     x, form = library.wrenches(t, f)
@@ -153,7 +152,7 @@ def _acting(
     strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / hundredths(record.context)
     clear = CARRIES * strength[list(record.axes)].max()
     axes = tuple(AXES[a] for a in record.axes if strength[a] > clear > 0.0)
-    acting = Acting(np.where(judged, held, 0.0), axes, of_fold, t.effect.parameters(sizes, t.shape))
+    acting = Acting(np.where(judged, held, 0.0), axes, of_fold, t.named.parameters(sizes, t.shape))
     return acting, np.where(judged, own + bent, 0.0)
 
 
@@ -193,10 +192,9 @@ def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightF
     others = evidence.refit(best.terms, best.noise, left_out)
     out = set()
     for t in (t for t in best.terms if t.effect is not None and fit.index in t.places):
-        assert t.effect is not None
         if len(t.places) < 2:
             good = any(o.effect is not None and o.name == t.name and o.key != t.key for o in best.terms)
-        elif t.effect.kept:
+        elif t.named.kept:
             good = _removes(fit, fit.rest + _wrench(evidence, best, t, fit), _wrench(evidence, others, t, fit))
         else:
             good = _of_day_removes(evidence, best, t, fit) and any(
@@ -215,10 +213,9 @@ def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Arr
 
 def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
     """Whether the part of an effect that is of one flight lowers its residual: no other flight can show it."""
-    assert t.effect is not None
     if fit.index not in t.places:
         return False
-    of_day = np.array([float(t.effect.of_day(c)) for c in t.effect.coefficients])
+    of_day = np.array([float(t.named.of_day(c)) for c in t.named.coefficients])
     own = _wrench(evidence, best, t, fit, of_day)
     return _removes(fit, fit.rest + own, own)
 

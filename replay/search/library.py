@@ -242,8 +242,7 @@ class Library:
 
     def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
         """Wrenches (n, 6, k) per coefficient at the record's rate, and (n, 6, m) of its model-form errors."""
-        effect, record = term.effect, self.records[flight]
-        assert effect is not None
+        effect, record = term.named, self.records[flight]
         x = regressors_of(effect, record, term.shape)
         spread = term.scale[term.place(flight)]
         bent = [part for i in _with_errors_of_form(effect) for part in bent_forms(x[:, :, i] * spread[i], record)]

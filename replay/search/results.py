@@ -206,15 +206,14 @@ def _found(
     """One effect; where every flight has a term of its own, its numbers are those of the one that explains most."""
     shares = {t.key: _share(fits, t.key) for t in terms}
     term = max(terms, key=lambda t: (shares[t.key], -_shown_by(t, fits)))
-    assert term.effect is not None
     carried = {axis for f in fits if term.key in f.effects for axis in f.effects[term.key].axes}
     instead = tuple(others.get(term.key, ()))
     flight = _shown_by(term, fits)
     estimates = _estimates(walked, term, fits[flight])
-    main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
+    main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
     sign = max((e.sign_probability for e in estimates if e.name in main), default=1.0)
     return Found(
-        effect=term.effect,
+        effect=term.named,
         estimates=estimates,
         axes=tuple(a for a in AXES if a in carried),
         explains=sum(shares.values()),
@@ -233,8 +232,7 @@ def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ..
     Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
     Statistics 9, 586), and beside it that between the sets that hold the effect.
     """
-    effect, best, flight, context = term.effect, walked.best, fit.index, fit.record.context
-    assert effect is not None
+    effect, best, flight, context = term.named, walked.best, fit.index, fit.record.context
     part, place = best.part(term), term.place(flight)
     mean = effect.mixed(best.sizes(term, flight), term.shape)
     root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
@@ -259,8 +257,7 @@ def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ..
 
 def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
     """The first flight on which an effect acts; of weather or load the one on which it does most."""
-    assert term.effect is not None
-    if term.effect.kept or len(term.places) < 2:
+    if term.named.kept or len(term.places) < 2:
         return min(term.places)
     return max(term.places, key=lambda i: fits[i].energy(fits[i].effects[term.key].held_out))
 
@@ -278,8 +275,7 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
 
 def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
     """95 % interval of a shape parameter beside the others, to half way to the next value tried; at the grid's edge."""
-    assert term.effect is not None
-    shape, value, evidence = term.effect.shapes[i], float(term.shape[i]), walked.evidence
+    shape, value, evidence = term.named.shapes[i], float(term.shape[i]), walked.evidence
     if not shape.continuous or value in shape.kinds:
         return value, value, False
     beside = [t for t in walked.best.terms if t is not term]
@@ -311,9 +307,8 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
             numbers.setdefault(t.name, []).append(i)
     for name, own in numbers.items():
         term = library.terms[max(own, key=lambda i: float(gain[i]))]
-        assert term.effect is not None
         excited = name in walked.worse or _excited(walked, term)
-        reason = walked.why_not(name) if excited else "this flight hardly excites it: " + term.effect.excite
+        reason = walked.why_not(name) if excited else "this flight hardly excites it: " + term.named.excite
         out.append(Rejected(name, reason, excited, walked.probability(name, ())))
     return tuple(out)
 

@@ -54,6 +54,12 @@ class Term:
     """Of a free curve."""
 
     @property
+    def named(self) -> Effect:
+        """The effect; not to be asked of a free curve."""
+        assert self.effect is not None
+        return self.effect
+
+    @property
     def prior(self) -> float:
         """Log odds of it in its shape, before any flight was seen."""
         return self.log_odds + self.log_shape

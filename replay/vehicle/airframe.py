@@ -37,6 +37,13 @@ _IDLE_US = 30.0
 """An output that never moves by more drives no motor in flight."""
 _BEYOND = 0.05
 """Outputs this share of their range above its end contradict it."""
+TANDEM = "the paper's tandem"
+TANDEM_SEEN = "outputs 1 to 4 in pairs, vanes on 5 and 6"
+_FRAME_PARAMETERS = {"FRAME_CLASS", "FRAME", "CA_AIRFRAME", "CA_ROTOR_COUNT"}
+_NEUTRAL_US, _DEFLECTED_US = 1500.0, 250.0
+"""Of the vanes."""
+_SAME_US = 2.0
+"""The two rotors of a coaxial fan get one output; they differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -173,3 +180,19 @@ def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: set[int],
     most = float(np.nanpercentile(used, 99.0))
     if key and most > high + _BEYOND * (high - low):
         raise LogError(f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach {most:.0f} us")
+
+
+def is_tandem(log: FlightLog) -> bool:
+    """Whether rotors 1 and 2, and 3 and 4, get one output each, and two vanes move about their middle.
+
+    No parameter of an autopilot says such a frame.
+    """
+    if log.servo is None or _FRAME_PARAMETERS & set(log.parameters):
+        return False
+    outputs = log.servo.values[(log.servo.values[:, :6] > 0.0).all(axis=1)]
+    if len(outputs) < 0.5 * len(log.servo):
+        return False
+    pairs = np.abs(outputs[:, [0, 2]] - outputs[:, [1, 3]]).max() <= _SAME_US
+    vanes = outputs[:, 4:6]
+    moved = np.ptp(vanes, axis=0).min() > 0.0 and np.abs(vanes - _NEUTRAL_US).max() < _DEFLECTED_US
+    return bool(pairs and moved)

@@ -28,10 +28,8 @@ from replay.flightlog import FlightLog
 from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
-from replay.vehicle import tandem
-from replay.vehicle.airframe import Airframe, airframe, turns
+from replay.vehicle.airframe import TANDEM, TANDEM_SEEN, Airframe, airframe, is_tandem, turns
 from replay.vehicle.fit import Fit, fit_records, free_flight, hovering
-from replay.vehicle.tandem import is_tandem
 
 INCH_M = 0.0254
 _OPTIONS = {"mass_kg": "--mass KG", "rotor_radius_m": "--propeller INCH", "position_m": "--span M"}
@@ -144,22 +142,22 @@ def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
 
 def _tandem(given: Given) -> Draft:
     if given.propeller_m is not None or given.span_m is not None:
-        raise ConfigError(f"--propeller, --span: the log is of {tandem.NAME}, whose sizes are known; leave them out")
+        raise ConfigError(f"--propeller, --span: the log is of {TANDEM}, whose sizes are known; leave them out")
     vehicle = default_vehicle()
     if given.mass_kg is not None:
         vehicle = replace(vehicle, mass_kg=given.mass_kg)
-    return Draft(vehicle, (Fact("name", vehicle.name, tandem.HOW),))
+    return Draft(vehicle, (Fact("name", vehicle.name, TANDEM_SEEN),))
 
 
 def _refuse_two(logs: Sequence[FlightLog]) -> None:
     """ConfigError where logs contradict each other; a frame that one does not say may be that of another."""
     frames = [airframe(log) for log in logs]
-    names = [tandem.NAME if is_tandem(log) else frame.name for log, frame in zip(logs, frames, strict=True)]
-    sure = next((k for k, f in enumerate(frames) if f.declared or names[k] == tandem.NAME), 0)
+    names = [TANDEM if is_tandem(log) else frame.name for log, frame in zip(logs, frames, strict=True)]
+    sure = next((k for k, f in enumerate(frames) if f.declared or names[k] == TANDEM), 0)
     for log, name, frame in zip(logs, names, frames, strict=True):
         what = ""
         if len(frame.motors) != len(frames[sure].motors) or (
-            name != names[sure] and (frame.declared or tandem.NAME in (name, names[sure]))
+            name != names[sure] and (frame.declared or TANDEM in (name, names[sure]))
         ):
             what = f"are of two vehicles ({names[sure]}; {name})"
         elif frame.telemetered != frames[sure].telemetered:

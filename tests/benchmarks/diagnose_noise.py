@@ -26,8 +26,8 @@ from models.air_state import blank_state
 from models.effects import Coefficient, Context, Effect, catalogue
 from models.frames import Array, quaternion_from_euler, rotation_from_quaternion
 from replay.diagnosis.diagnose import conclude
-from replay.residual.channels import named_channels
 from replay.residual.grid import RATE_HZ
+from replay.residual.log_state import named_channels
 from replay.residual.record import Record
 
 TAUS_S = (0.3, 1.0, 3.0)

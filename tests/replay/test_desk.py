@@ -23,8 +23,11 @@ testclient = pytest.importorskip("starlette.testclient", reason="starlette is no
 
 from replay.cli import main  # noqa: E402
 from replay.desk.app import app  # noqa: E402
-from replay.desk.fields import FIELDS, rows  # noqa: E402
-from replay.desk.question import Question  # noqa: E402
+from replay.desk.question import (  # noqa: E402
+    FIELDS,
+    Question,
+    rows,
+)
 from replay.desk.store import Ask, Desk, Drop, safe_name  # noqa: E402
 from replay.desk.work import Work  # noqa: E402
 from replay.fleet.jobs import error_text  # noqa: E402

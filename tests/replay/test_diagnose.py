@@ -13,9 +13,9 @@ from diagnose_noise import noise_record
 import models
 from models.effects import catalogue, get
 from replay.cli import main
+from replay.diagnosis.answer import rms_interval
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page
-from replay.diagnosis.interval import rms_interval
 from replay.residual.record import Record
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "rotor_drag", "ground_effect", "cg_offset")]

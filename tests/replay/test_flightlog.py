@@ -13,7 +13,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
-from replay.flightlog import Series, best_beam, direction_name
+from replay.flightlog import Series, direction_name
 from replay.logs.columns import smallest_step, tidy, unflipped
 from replay.logs.formats import load
 
@@ -194,7 +194,7 @@ def test_rangefinder_alone_and_beside_a_coarse_sensor(tmp_path):
     assert log.beam("down").source == "DISTANCE_SENSOR", "another quantity"
     (log,) = logs_of(tmp_path, [m for m in sorted([*flight(4.0), *fine]) if cut(m[1], 0).id != 132])
     assert log.beam("down").source == "RANGEFINDER"
-    assert best_beam([]) is None
+    assert log.beam("up") is None
 
 
 def test_repeated_esc_telemetry_is_no_news_and_an_absent_esc_no_esc(tmp_path):

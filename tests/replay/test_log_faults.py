@@ -16,8 +16,7 @@ from companion.vehicles import QUAD
 from models.vehicle import Fan, Rotor, Throttle, Vehicle, load_vehicle
 from replay.diagnosis.diagnose import conclude
 from replay.diagnosis.model_faults import model_faults
-from replay.flightlog import FlightLog, Series
-from replay.residual.fault import LogFault
+from replay.flightlog import FlightLog, LogFault, Series
 from replay.residual.record import build_record
 from replay.residual.vehicle_faults import exchanged_spins
 
