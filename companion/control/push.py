@@ -17,8 +17,8 @@ from companion.estimation.vectors import plus, turned
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
-from models.evolve import replace
 from models.frames import Array, Rows
+from models.frozen_copy import replace
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
