@@ -90,14 +90,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _train(args: argparse.Namespace) -> Mapping[str, Any]:
+    from models.dataset import half
     from models.progress import Bars
     from models.surrogate import store
     from models.training.train import train
 
     data, fidelity = _data(args.data, args.sigma)
     if args.places is not None:
-        from models.halves import half
-
         data = half(data, args.places)
     make_folder("directory", args.out)
     if args.label:

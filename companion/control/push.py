@@ -14,9 +14,9 @@ from companion.estimation.air_state import air_state
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces, Parts, about_cg
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from companion.estimation.vectors import plus, turned
-from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
+from models.effects.effect import AdoptedEffect
 from models.frames import Array, Rows
 from models.frozen_copy import replace
 from models.surrogate.fan_surrogate import FanSurrogate
