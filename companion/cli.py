@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
-from models.arguments import Parser, speaks
+from models.arguments import Parser, VersionAction, speaks
 from models.errors import ConfigError, LinkError, UserError
-from models.json_file import write_json
-from models.version import VersionAction
+from models.text_file import write_json
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig

@@ -16,9 +16,10 @@ class AirState:
     """One instant (leading shape ``()``) or a record (leading shape ``(n,)``) of a flight; SI units.
 
     Every array shares the leading shape ``(...)``. NaN means unknown, ``inf`` in a distance means nothing is there.
-    World NED, body FRD. ``h_m`` and ``d_m`` are per fan (reference point to ground, outer
-    lip to wall), filtered, tilt-corrected, ``second_d_m`` and ``second_bearing_rad`` the same of the nearest wall at
-    another bearing; ``ranges_m`` are the raw beams by direction (``DIRECTIONS``), slant and from the sensor.
+    World NED, body FRD. ``h_m`` and ``d_m`` are per fan (reference point to ground, outer lip to wall), filtered,
+    tilt-corrected; ``second_d_m`` and ``second_bearing_rad`` the same of the nearest wall at another bearing.
+    ``ranges_m`` are the raw beams by direction (``DIRECTIONS``), slant and from the sensor. A record has them as
+    channels; in flight they are NaN. No shipped effect reads them: use the distances.
     """
 
     time_s: Array  # (...)
@@ -64,7 +65,7 @@ def blank_state(shape: tuple[int, ...], fans: int, rotors: int) -> AirState:
         rotation=np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy(),
         rates=full(0.0, 3),
         specific_force=np.broadcast_to(np.array([0.0, 0.0, -GRAVITY]), (*shape, 3)).copy(),
-        ranges_m=full(np.inf, 6),
+        ranges_m=full(np.nan, 6),
         h_m=full(np.inf, fans),
         d_m=full(np.inf, fans),
         wall_bearing_rad=full(0.0),

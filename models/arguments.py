@@ -1,4 +1,4 @@
-"""The command line of the three programs: a wrong argument is one line, as every other error."""
+"""The command line of the three programs: their version; a wrong argument is one line, as every other error."""
 
 from __future__ import annotations
 
@@ -17,6 +17,26 @@ INTERRUPTED = 130
 def speaks(args: argparse.Namespace) -> bool:
     """Whether a command prints its text: not with ``--quiet``, nor where stdout is for ``--json``."""
     return not args.quiet and args.json != "-"
+
+
+def installed_version() -> str:
+    """Version of the installed distribution; "unknown" in a checkout that was not installed."""
+    # Imported here: it costs a tenth of the start of a program that was not asked for its version.
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("corner-compensator")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+class VersionAction(argparse.Action):
+    """``--version``: prints program and version; looks the version up only when asked."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        """Print and leave with 0."""
+        print(f"{parser.prog} {installed_version()}")
+        parser.exit()
 
 
 class Parser(argparse.ArgumentParser):

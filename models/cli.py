@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.arguments import Parser, run_command, speaks
+from models.arguments import Parser, VersionAction, run_command, speaks
 from models.cfd import cli as cfd
 from models.errors import ConfigError
-from models.json_file import write_json
-from models.version import VersionAction
+from models.text_file import make_folder, write_json
 
 # Spelled out here so that --help need not import the trainers.
 METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp", "kriging", "polynomial", "ensemble")
@@ -91,16 +90,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _train(args: argparse.Namespace) -> Mapping[str, Any]:
+    from models.dataset import half
     from models.progress import Bars
     from models.surrogate import store
     from models.training.train import train
 
     data, fidelity = _data(args.data, args.sigma)
     if args.places is not None:
-        from models.halves import half
-
         data = half(data, args.places)
-    _check_writable(args.out)
+    make_folder("directory", args.out)
     if args.label:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
@@ -132,7 +130,7 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
 
     data, _ = _data(args.data, args.sigma)
     if args.report:
-        _check_writable(args.report)
+        make_folder("directory", args.report)
     bars = Bars(args.quiet)
     result = compare(data, args.seed, progress=bars)
     bars.close()
@@ -212,11 +210,3 @@ def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
     if not 0.0 < radius <= lip < 100.0:
         raise ConfigError(f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller")
     return radius, lip
-
-
-def _check_writable(directory: Path) -> None:
-    """Refuse before the work what would fail after it."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"directory {directory}: cannot be written ({error.strerror})") from None

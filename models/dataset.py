@@ -1,4 +1,7 @@
-"""The data set: one fan's total wrench over height, wall distance and rotor speed, read from a CSV and checked."""
+"""The data set: one fan's total wrench over height, wall distance and rotor speed.
+
+It is read from a CSV and checked, and cut in parts by place.
+"""
 
 from __future__ import annotations
 
@@ -148,6 +151,23 @@ def held_out(data: DataSet, rng: np.random.Generator, share: float) -> NDArray[n
     cut = int(np.abs(rows - share * len(data)).argmin()) + 1
     mask: NDArray[np.bool_] = np.isin(locations, order[:cut])
     return mask
+
+
+def half(data: DataSet, which: str) -> DataSet:
+    """The rows of every second place as on a chessboard: rank of h plus rank of d is ``even`` or ``odd``.
+
+    On a grid each half has places on all edges, ground alone and wall alone included. Free air, which increments are
+    counted from, belongs to both. All rotor speeds of a place stay together.
+    """
+    square = (_rank(data.h) + _rank(data.d)) % 2
+    kept = data.take((square == ("even", "odd").index(which)) | data.free_air)
+    note = f"{which} places only: every second place of the grid, {len(kept)} of {len(data)} rows"
+    return replace(kept, notes=(*data.notes, note))
+
+
+def _rank(distance: Array) -> NDArray[np.intp]:
+    """Place (n,) of each distance among the different ones, from 0."""
+    return np.unique(distance, return_inverse=True)[1]
 
 
 def _numbers(path: Path, number: int, line: str) -> list[float]:

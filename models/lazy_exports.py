@@ -13,7 +13,7 @@ def exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any
 
     def get(name: str) -> Any:
         if name == "__version__":
-            from models.version import installed_version
+            from models.arguments import installed_version
 
             return installed_version()
         if name not in homes:

@@ -1,8 +1,11 @@
-"""Text files of users: an error names what the file is, where it is and what is wrong, in one line."""
+"""Files that users name: an error says what the file is, where it is and what is wrong, in one line."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from models.errors import ConfigError, UserError
 
@@ -22,3 +25,20 @@ def write_text(what: str, path: Path, text: str, kind: type[UserError] = ConfigE
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise kind(f"{what} {path}: cannot be written ({error.strerror})") from None
+
+
+def make_folder(what: str, folder: Path) -> None:
+    """Make a folder, unless it is there. Raises ConfigError where that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{what} {folder}: cannot be written ({error.strerror})") from None
+
+
+def write_json(content: Mapping[str, Any] | Sequence[Any], target: str) -> None:
+    """Write the answer of a command for ``--json``: to a file, or to stdout where ``target`` is ``-``."""
+    text = json.dumps(content, indent=2, allow_nan=False)
+    if target == "-":
+        print(text)
+        return
+    write_text("--json", Path(target), text + "\n")

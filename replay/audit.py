@@ -47,7 +47,7 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from models.json_file import write_json
+    from models.text_file import write_json
     from models.vehicle import load_vehicle
 
     vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from models.arguments import Parser, run_command
+from models.arguments import Parser, VersionAction, run_command
 from models.errors import ConfigError, LogError
-from models.version import VersionAction
 from replay.pipeline_options import (
     add_answer_options,
     add_folder_options,

@@ -15,9 +15,9 @@ from companion.vehicles import chosen_vehicle
 from models.arguments import speaks
 from models.choice import NONE, Choice, choose
 from models.errors import ConfigError
-from models.json_file import write_json
 from models.pages.document import write_document
 from models.surrogate.store import load
+from models.text_file import write_json
 from models.vehicle import Vehicle
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 

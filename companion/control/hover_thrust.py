@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from models.evolve import replace
+from models.frozen_copy import replace
 
 _MEAN_S = 2.0
 """Time constant of the average."""

@@ -16,8 +16,8 @@ from companion.control.position_target import Course, Reference, Target, advance
 from companion.control.wall_guard import WallAhead
 from companion.estimation.vectors import lagged, minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
-from models.evolve import replace
 from models.frames import GRAVITY
+from models.frozen_copy import replace
 from models.vehicle import Limits, Vector3
 
 _MOST_LEVEL_M_S2 = GRAVITY * math.tan(math.radians(15.0))

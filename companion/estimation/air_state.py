@@ -11,7 +11,7 @@ import numpy as np
 from companion.config import PipelineConfig
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, lips_to_wall, walls
 from companion.estimation.range_geometry import fan_ceilings
-from models.air_state import DIRECTIONS, AirState, blank_state
+from models.air_state import AirState, blank_state
 from models.frames import GRAVITY, LEVEL, Array
 
 
@@ -25,7 +25,6 @@ def air_state(
     lead_s: float = 0.0,
 ) -> AirState:
     """An ``AirState`` of leading shape (): what was not measured is NaN, what is not there is inf.
-    Raw ranges, which no effect looks at, are left out.
 
     The ceiling is where its track has it ``lead_s`` ahead, as the query's distances are.
     """
@@ -44,7 +43,6 @@ def air_state(
         "second_bearing_rad": np.asarray(second_bearing),
         "ceiling_m": fan_ceilings(vehicle, _ahead(ceiling, lead_s), rotation),
         "rpm": np.array(rotor_rpm),
-        "ranges_m": np.full(len(DIRECTIONS), np.nan),
     }
     if estimates.position is not None:
         changes["position_ned"] = np.asarray(estimates.position.position_ned)

@@ -15,10 +15,9 @@ import numpy as np
 
 from companion.sim.air import NOMINAL, PAPER_CQ, PAPER_CT, RPM_HOVER, Increments
 from models.corner_law import ClosedForm
-from models.dataset import DataSet, read
+from models.dataset import DataSet, half, read
 from models.errors import ConfigError
 from models.frames import Array
-from models.halves import half
 
 AIR_HALF = "even"
 FREE_RADII = 7.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from itertools import product
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
@@ -466,6 +465,16 @@ class Effect:
         shape = tuple(parameters[s.name] for s in self.shapes)
         coefficients = np.array([parameters[c.name] for c in self.coefficients])
         return np.asarray(self.regressors(ctx, shape) @ coefficients)
+
+
+@dataclass(frozen=True)
+class AdoptedEffect:
+    """An effect that the diagnosis found missing and added: its catalogue name and fitted parameters, SI."""
+
+    name: str
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    without: tuple[str, ...] = ()
+    """Axes (body FRD about the CG) on which it does not act: there it made the error of the flights larger."""
 
 
 def decay(distance: Array, length: float) -> Array:

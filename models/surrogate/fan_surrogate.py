@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.adopted_effect import AdoptedEffect
+from models.effects.effect import AdoptedEffect
 from models.frames import Array
 from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates

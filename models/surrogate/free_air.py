@@ -91,20 +91,18 @@ def level(data: DataSet) -> DataSet:
 
 def _standing(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
     """Which horizontal components (6,) the fan has of itself, and the offset (6,) of those it has not."""
-    mean, error = without_wall(data, ratio)
+    alone = np.isinf(data.d)
+    mean, error = mean_over_places(ratio[alone], data.h[alone]) if alone.any() else (np.zeros(6), np.zeros(6))
     stands = HORIZONTAL & (np.abs(mean) > np.maximum(SIGNIFICANT * error, 1e-9))
     own = stands & (np.abs(mean) > ASYMMETRY_SHARE * np.abs(ratio).max(axis=0))
     return own, np.where(stands & ~own, mean, 0.0)
 
 
-def without_wall(data: DataSet, ratio: Array) -> tuple[Array, Array]:
-    """Mean (6,) of ``ratio`` (n, 6) over places without a wall and its standard error; 0 where there are none."""
-    alone = np.isinf(data.d)
-    if not alone.any():
-        return np.zeros(6), np.zeros(6)
-    _, place = np.unique(data.h[alone], return_inverse=True)
+def mean_over_places(ratio: Array, place: Array | NDArray[np.intp]) -> tuple[Array, Array]:
+    """Mean (6,) of ``ratio`` (n, 6), and its standard error, rows of one ``place`` (n,) counting as one."""
+    _, place = np.unique(place, return_inverse=True)
     count = np.bincount(place)
-    means = np.stack([np.bincount(place, weights=column) / count for column in ratio[alone].T], axis=1)
+    means = np.stack([np.bincount(place, weights=column) / count for column in ratio.T], axis=1)
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means)) if len(means) > 1 else np.zeros(6)
     return means.mean(axis=0), error
 

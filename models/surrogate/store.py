@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from models.adopted_effect import AdoptedEffect
 from models.effects import adopted
+from models.effects.effect import AdoptedEffect
 from models.errors import ModelError
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain

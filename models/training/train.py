@@ -139,10 +139,7 @@ def _with_constants(law: FreeAir, data: DataSet, live: NDArray[np.bool_]) -> Fre
     if live.all():
         return law
     ratio = data.wrench / law.lift(data.rpm)[:, None]
-    _, place = np.unique(data.locations, return_inverse=True)
-    count = np.bincount(place)
-    means = np.stack([np.bincount(place, weights=column) / count for column in ratio.T], axis=1)
-    mean, error = means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    mean, error = free_air.mean_over_places(ratio, data.locations)
     constant = np.where(np.abs(mean) > free_air.SIGNIFICANT * error, mean, 0.0)
     constant[AXES.index("Fz")] = 1.0
     share = np.where(live, law.share, constant)

@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    from models.version import installed_version
+    from models.arguments import installed_version
     from replay.command import of_logs
     from replay.export.columns import table
     from replay.export.decided import decide

@@ -14,8 +14,8 @@ from tqdm import tqdm
 
 from models.arguments import speaks
 from models.errors import ConfigError, LogError
-from models.json_file import write_json
 from models.pages.document import write_document
+from models.text_file import write_json
 from replay.command import check_targets, declared
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page

@@ -39,7 +39,7 @@ def run(a: argparse.Namespace) -> int:
     """Run the command. A log that cannot be read is one line on stderr, and the others are still read."""
     # Imported here so that --help answers at once.
     from companion.config import PipelineConfig
-    from models.json_file import write_json
+    from models.text_file import write_json
     from replay.command import declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
     from replay.info.info import decided, inspect

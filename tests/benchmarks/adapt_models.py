@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import models
 from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, SurfaceLaw
-from models.adopted_effect import AdoptedEffect
+from models.effects.effect import AdoptedEffect
 from models.frames import Array
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import Answer, Calibration

@@ -31,7 +31,7 @@ from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode
 from companion.vehicles import default_vehicle
-from models.adopted_effect import AdoptedEffect
+from models.effects.effect import AdoptedEffect
 from models.errors import UserError
 from models.vehicle import load_vehicle
 from replay.logs.formats import READERS, load, suffix_of

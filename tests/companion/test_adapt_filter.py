@@ -13,8 +13,8 @@ from companion.adaptation.filter import excites, later
 from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, prior, size_table, told
 from companion.vehicles import default_vehicle
 from models import load
-from models.adopted_effect import AdoptedEffect
 from models.effects import InFlight, catalogue, get
+from models.effects.effect import AdoptedEffect
 
 RNG = np.random.default_rng(5)
 FREE = {"excited": 0.0, "robust_sigmas": 1e9}

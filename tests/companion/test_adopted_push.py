@@ -15,9 +15,9 @@ from companion.control.plant import FULL
 from companion.control.push import adopted_disturbance, adopted_pull_change_n
 from companion.pipeline import damping_1_s, initial_state
 from companion.vehicles import default_vehicle
-from models.adopted_effect import AdoptedEffect
 from models.air_state import blank_state
 from models.effects import adopted
+from models.effects.effect import AdoptedEffect
 
 VEHICLE = default_vehicle()
 DAMPING_1_S = FULL.velocity_1_s

@@ -19,8 +19,7 @@ from companion.sim.model_error import model_error
 from companion.sim.scenario import build
 from companion.sim.world import default_model, law_of
 from companion.vehicles import QUAD, default_vehicle
-from models.dataset import read
-from models.halves import half
+from models.dataset import half, read
 from models.vehicle import load_vehicle
 
 pytest.importorskip("scipy")

@@ -10,8 +10,7 @@ import pytest
 
 import models
 from models.cli import main
-from models.dataset import read
-from models.halves import half
+from models.dataset import half, read
 
 DATA = Path(models.__file__).parent / "data" / "corner_cfd.csv"
 SET = read(DATA)

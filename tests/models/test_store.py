@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import models
-from models.adopted_effect import AdoptedEffect
+from models.effects.effect import AdoptedEffect
 from models.errors import ModelError
 
 

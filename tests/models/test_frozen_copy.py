@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from models.evolve import replace
+from models.frozen_copy import replace
 
 
 @dataclass(frozen=True)
