@@ -77,7 +77,7 @@ class LogInfo:
         out = [f"{Path(self.log).name}: {self.bytes / 1e6:.1f} MB, {len(self.boots)} boot(s)"]
         for boot in self.boots:
             out += _boot_text(boot)
-        out += [f"replay diagnose refuses it: {self.refusal}"] if self.refusal else []
+        out += [f"replay diagnose refuses it: {self.refusal}" if self.refusal else self.as_line()]
         out += [] if self.companion is None else [f"companion with '{self.vehicle}' {self.companion['text']}"]
         return "\n".join(out)
 
