@@ -121,6 +121,8 @@ def _folder(a: argparse.Namespace) -> int:
 
     if len(a.logs) > 1:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
-    why = f"a folder's logs may be of several vehicles; give those of one vehicle by name, as {a.logs[0]}/*.tlog"
-    refuse(a, ("test", "save_vehicle", "save_model"), why)
+    instead = f"give those of one vehicle by name, as in replay diagnose {a.logs[0]}/*.tlog"
+    for option in ("test", "save_vehicle", "save_model"):
+        said = f"a folder's logs may be of several vehicles; {instead} --{option.replace('_', '-')}"
+        refuse(a, (option,), said)
     return run_folder(a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span})
