@@ -10,7 +10,7 @@ from companion.control.authority import Reason
 from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Air
 from companion.control.position_hold import tilt_acceleration
 from companion.estimation.vectors import lagged
-from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
+from companion.mavlink.firmware import Stack, stack_of
 from companion.mavlink.samples import Heartbeat
 from models.frozen_copy import replace
 from models.vehicle import Vector3
@@ -25,8 +25,6 @@ _BALANCE_MEAN_S = 1.0
 class Engagement:
     """What leads up to a hold."""
 
-    listens: bool = False
-    """The mode takes setpoints."""
     mode: int | None = None
     changed_s: float = -math.inf
     """When the mode last changed, as far as heartbeats tell."""
@@ -38,12 +36,8 @@ class Engagement:
 def hear_heartbeat(engagement: Engagement, heartbeat: Heartbeat) -> Engagement:
     """Note the mode."""
     changed = heartbeat.custom_mode != engagement.mode
-    return replace(
-        engagement,
-        listens=takes_setpoints(heartbeat),
-        mode=heartbeat.custom_mode,
-        changed_s=heartbeat.t_s if changed else engagement.changed_s,
-    )
+    changed_s = heartbeat.t_s if changed else engagement.changed_s
+    return replace(engagement, mode=heartbeat.custom_mode, changed_s=changed_s)
 
 
 def watch_take_off(engagement: Engagement, t_s: float, climb_m_s: float | None, air: Air) -> Engagement:

@@ -73,7 +73,7 @@ class Work:
             if not drop.info(log).exists():
                 self._steps[ask.folder] = f"looks what is in {log.name}"
                 part, said = ask.folder / "info.txt", ask.folder / "stderr.txt"
-                code = await _call(["info", str(log), "--model=none"], part, said)
+                code = await _call(["info", str(log)], part, said)
                 text = _failure(said, code, drop) if code else read_text(part)
                 drop.info(log).write_text(text, encoding="utf-8")
 

@@ -71,7 +71,7 @@ def run(a: argparse.Namespace) -> int:
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if speaks(a):
             print(answer.as_line() if folders else answer.as_text())
-            if chosen.note and not refusal and not folders:
+            if a.companion and chosen.note and not refusal and not folders:
                 print(chosen.note)
     if a.json is not None:
         write_json(answers, a.json)
