@@ -33,9 +33,9 @@ from companion.adaptation.sizes import (
     Size,
     Sizes,
     channels,
+    estimates,
     prior,
     size_table,
-    told,
 )
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
@@ -122,9 +122,9 @@ class Adaptation:
         """Of the model's lift, pull, tilt and of every adopted effect with a size: what is compensated."""
         return self.applied.shares
 
-    def told(self) -> dict[str, Estimate]:
+    def estimates(self) -> dict[str, Estimate]:
         """Every size by its name; then the ground's lift where no model is believed, and how far a model is."""
-        out = told(self.table, self.sizes)
+        out = estimates(self.table, self.sizes)
         out["cheeseman_bennett"] = Estimate(*judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1")
         for name, judged in zip(MODELS, self.judged, strict=True):
             p = judged.probability
@@ -138,7 +138,8 @@ class Adaptation:
     def as_json(self) -> dict[str, Any]:
         """``{name: {"value", "sd", "unit"}}``."""
         return {
-            name: {"value": round(e.value, 4), "sd": round(e.sd, 4), "unit": e.unit} for name, e in self.told().items()
+            name: {"value": round(e.value, 4), "sd": round(e.sd, 4), "unit": e.unit}
+            for name, e in self.estimates().items()
         }
 
 
@@ -184,7 +185,7 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
         return replace(known, heard_s=now_s)
     block = known.block
     if block is not None and now_s == block.end_s:
-        return known  # told twice
+        return known  # sent twice
     full = known.full
     if block is None or not 0.0 < now_s - block.end_s <= _IMU_GAP_S:
         block = block_of.begin(imu)
@@ -276,7 +277,7 @@ def _judged(
         if not here and waited_s < _FREE_AIR_S and not any(before.surprised):
             out.append(before._replace(waited_s=waited_s))
             continue
-        told = []
+        seen_in = []
         rows = judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust)
         for axis, row in zip(channel.axes, rows, strict=True):
             model = regressors[axis]
@@ -284,8 +285,8 @@ def _judged(
             for k in range(len(GAINS)):
                 if k != channel.own:
                     value += model[k] - thrust * (beside[k][axis] + gains[k] * model[k])
-            told.append((value, row, noise[axis]))
-        out.append(judge.learn(channel, before, waited_s, told))
+            seen_in.append((value, row, noise[axis]))
+        out.append(judge.learn(channel, before, waited_s, seen_in))
     return tuple(out)
 
 

@@ -42,7 +42,7 @@ _EVIDENCE = 0.5
 _MOST_LOG_ODDS = 4.0
 """Bound of the odds, so that a model that was contradicted can come back: 0.02 to 0.98."""
 _LOW_RADII = 1.6
-"""Where the ground's lift is told: low, and yet where most flights have been."""
+"""Where the ground's lift is reported: low, and yet where most flights have been."""
 _OPENED = 0.1
 """Of the prior's variance: what a block adds to that of steady things after a jump."""
 

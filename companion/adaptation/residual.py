@@ -117,16 +117,16 @@ def block_residual(
         of_vanes = vanes_wrench(vehicle, [v * share for v in block.vanes_us], [fan[2] for fan in near])
         declared += of_vanes[2]
         modelled = [a + b for a, b in zip(modelled, of_vanes, strict=False)]
-    told = measured(block, vehicle)
+    seen = measured(block, vehicle)
     if not vehicle.vanes and abs(alone[3]) + abs(alone[4]) < _EQUAL * vehicle.mass_kg:
-        told = [*told[:3], math.nan, math.nan]
+        seen = [*seen[:3], math.nan, math.nan]
     rows = [[a, b, c, *[0.0] * (sizes - at.THRUST)] for a, b, c in zip(lift[:AXES], pull, tilt, strict=False)]
     for k, effect in enumerate(effects, at.FIRST_EFFECT):
         for row, value in zip(rows, effect, strict=False):
             row[k] = value
     velocity = _through_the_air([v * share for v in block.motion[6:]], rotation, wind_ne)
     _common(rows, vehicle, rotation, velocity, alone, declared, block.tip_m_s * share)
-    residual = [a - b for a, b in zip(told, modelled, strict=True)]
+    residual = [a - b for a, b in zip(seen, modelled, strict=True)]
     return BlockResidual(np.array(residual), np.array(rows), np.array(modelled))
 
 

@@ -27,7 +27,7 @@ vehicle's air differs by (docs/lab/simulator.md)."""
 class Size:
     """One named size: the value at which everything is as modelled, its prior, how fast it may change, its bounds.
 
-    ``per_minute``: standard deviation of its change within a minute. A table of them is told from another by identity.
+    ``per_minute``: standard deviation of its change within a minute. Tables are compared by identity.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Estimate:
-    """One size as it is told."""
+    """One size as it is reported."""
 
     value: float
     sd: float
@@ -127,7 +127,7 @@ def prior(table: tuple[Size, ...]) -> Sizes:
     )
 
 
-def told(table: tuple[Size, ...], sizes: Sizes) -> dict[str, Estimate]:
+def estimates(table: tuple[Size, ...], sizes: Sizes) -> dict[str, Estimate]:
     """Every size by its name."""
     return {
         size.name: Estimate(size.as_modelled + float(sizes.offset[k]), sizes.sd(k), size.unit)

@@ -1,4 +1,4 @@
-"""What the pilot is told of the sizes: numbers for a ground station, a sentence where a model is contradicted."""
+"""What the pilot reads of the sizes: numbers for a ground station, a sentence where a model is contradicted."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ NAMED = (
     ("ad_wn", "wind_north"),
     ("ad_we", "wind_east"),
 )
-"""NAMED_VALUE_FLOAT and the size it tells."""
+"""NAMED_VALUE_FLOAT and the size that it carries."""
 _TELL, _SURE = 0.25, 2.0
-"""A share that moved by so much is told anew, once the size is so many standard deviations from the model's."""
+"""A share that moved by so much is reported again, once the size is so many standard deviations from the model's."""
 _CONTRADICTED = 0.5
 """Probability of the model in a channel, below which the pilot reads that it is contradicted."""
 
 
 def named_values(known: Adaptation) -> Iterator[tuple[str, float]]:
     """(name of at most 10 characters, value): gains and thrust scale, 1 as modelled; wind in m/s."""
-    sizes = known.told()
+    sizes = known.estimates()
     for name, size in NAMED:
         yield name, sizes[size].value
 
 
-def sentences(known: Adaptation, told: dict[str, float]) -> Iterator[tuple[str, float, str]]:
-    """(size, share, sentence) of every channel whose share has left what was last ``told`` of it."""
+def sentences(known: Adaptation, reported: dict[str, float]) -> Iterator[tuple[str, float, str]]:
+    """(size, share, sentence) of every channel whose share has left what was last ``reported``."""
     for n, (k, share, learned) in enumerate(zip(channels(known.table), known.shares, known.learned, strict=True)):
         size = known.table[k]
-        before = told.get(size.name, 1.0)
+        before = reported.get(size.name, 1.0)
         ended = share == 0.0 < before
         if not learned or (abs(share - before) < _TELL and not ended):
             continue

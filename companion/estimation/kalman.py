@@ -77,14 +77,9 @@ def predict(track: Track, model: TrackModel, t_s: float) -> Track:
     if dt <= 0.0:
         return track
     q = model.acceleration_sd * model.acceleration_sd * dt * dt
-    p11, p12, p22 = track.value_variance, track.covariance, track.rate_variance
-    return track._replace(
-        t_s=t_s,
-        value=track.value + dt * track.rate,
-        value_variance=p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt,
-        covariance=p12 + dt * p22 + 0.5 * q * dt,
-        rate_variance=p22 + q,
-    )
+    _, value, rate, p11, p12, p22 = track[:6]
+    p11, p12, p22 = p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt, p12 + dt * p22 + 0.5 * q * dt, p22 + q
+    return Track(t_s, value + dt * rate, rate, p11, p12, p22, *track[6:])
 
 
 def update(track: Track, measured: float, variance: float, on_value: float, on_rate: float) -> Track:
@@ -92,21 +87,18 @@ def update(track: Track, measured: float, variance: float, on_value: float, on_r
 
     Joseph's form of the covariance, (1 - K h) P (1 - K h)' + R K K', stays symmetric and positive for any gain.
     """
-    p11, p12, p22 = track.value_variance, track.covariance, track.rate_variance
+    t_s, value, rate, p11, p12, p22 = track[:6]
     ph1, ph2 = p11 * on_value + p12 * on_rate, p12 * on_value + p22 * on_rate
     total = on_value * ph1 + on_rate * ph2 + variance
     k1, k2 = ph1 / total, ph2 / total
-    innovation = measured - (on_value * track.value + on_rate * track.rate)
+    innovation = measured - (on_value * value + on_rate * rate)
     a11, a12, a21, a22 = 1.0 - k1 * on_value, -k1 * on_rate, -k2 * on_value, 1.0 - k2 * on_rate
     b11, b12 = a11 * p11 + a12 * p12, a11 * p12 + a12 * p22
     b21, b22 = a21 * p11 + a22 * p12, a21 * p12 + a22 * p22
-    return track._replace(
-        value=track.value + k1 * innovation,
-        rate=track.rate + k2 * innovation,
-        value_variance=b11 * a11 + b12 * a12 + variance * k1 * k1,
-        covariance=b11 * a21 + b12 * a22 + variance * k1 * k2,
-        rate_variance=b21 * a21 + b22 * a22 + variance * k2 * k2,
-    )
+    p11 = b11 * a11 + b12 * a12 + variance * k1 * k1
+    p12 = b11 * a21 + b12 * a22 + variance * k1 * k2
+    p22 = b21 * a21 + b22 * a22 + variance * k2 * k2
+    return Track(t_s, value + k1 * innovation, rate + k2 * innovation, p11, p12, p22, *track[6:])
 
 
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
@@ -133,7 +125,7 @@ def measure(
             return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Verdict.RESTARTED
         return ahead._replace(outliers=outliers), Verdict.OUTLIER
     seen = update(ahead, value, sigma * sigma, 1.0, -delay_s)
-    return seen._replace(updated_s=t_s, outliers=()), Verdict.ACCEPTED
+    return Track(*seen[:6], t_s, (), seen.restarted_s), Verdict.ACCEPTED
 
 
 def measure_rate(track: Track, model: TrackModel, t_s: float, rate: float, sigma: float) -> Track:

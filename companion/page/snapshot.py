@@ -60,7 +60,7 @@ def _sizes(known: Adaptation) -> dict[str, Any]:
     shares = known.share_by_name()
     rows = [
         [name.replace("_", " "), _number(e.value), _number(e.sd), "" if e.unit == "1" else e.unit, shares.get(name)]
-        for name, e in known.told().items()
+        for name, e in known.estimates().items()
     ]
     return {"paused": known.paused, "rows": rows}
 

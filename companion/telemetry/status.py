@@ -80,7 +80,7 @@ class StatusReporter:
         self._noticed: tuple[Notice, float] | None = None
         self._number = 0
         self._shares: dict[str, float] = {}
-        """What was last told of a channel's share."""
+        """What was last reported of a channel's share."""
 
     def messages(
         self, state: PipelineState, decision: Decision, *, excused: bool = False

@@ -152,9 +152,9 @@ def adapted_text(known: Adaptation) -> list[str]:
     """A line for each size: value, sd, unit, and the share of the model that is compensated by it."""
     shares = known.share_by_name()
     out = [f"  sizes, measured over {known.learned_s:.0f} s of flight:"]
-    for name, e in known.told().items():
-        told = f", compensated {shares[name]:.2f}" if name in shares else ""
-        out.append(f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{told}".rstrip())
+    for name, e in known.estimates().items():
+        share = f", compensated {shares[name]:.2f}" if name in shares else ""
+        out.append(f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{share}".rstrip())
     return out
 
 

@@ -203,8 +203,8 @@ def train(
         **{key: {name: measured[key] for name, measured in found.items()} for key in ("increments", "coverage_95")},
     }
     model.info = {**info, "metrics": metrics}
-    told = {"method": method, "seed": seed, "rows": len(data), "seconds": round(time.perf_counter() - start, 3)}
-    return Trained(model, {**told, **metrics, **choices, "notes": notes})
+    run = {"method": method, "seed": seed, "rows": len(data), "seconds": round(time.perf_counter() - start, 3)}
+    return Trained(model, {**run, **metrics, **choices, "notes": notes})
 
 
 def drawn(count: int, most: int, rng: np.random.Generator) -> Index:

@@ -70,7 +70,7 @@ def read_records(
     problems: list[LogError] = []
     effects = () if model is None else model.effects
     for path in paths:
-        told: dict[str, None] = {}
+        said: dict[str, None] = {}
         own = Stretches()
         boot = 0
         try:
@@ -79,7 +79,7 @@ def read_records(
                 for part in log.stretches():
                     if not own.wants_next():
                         continue
-                    told |= dict.fromkeys(part.summary.notes)
+                    said |= dict.fromkeys(part.summary.notes)
                     try:
                         own.add(build_record(part, vehicle, model, effects, _name(part, log)))
                     except LogError as error:
@@ -90,7 +90,7 @@ def read_records(
         records += [replace(own.records[0], name=path.name)] if alone else own.records
         if boot:
             notes.append(f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own")
-        notes += [f"{path.name}: {note}" for note in (*own.notes(), *told)]
+        notes += [f"{path.name}: {note}" for note in (*own.notes(), *said)]
     if not records:
         raise problems[0]
     if sum(r.seconds for r in records) < ENOUGH_S:

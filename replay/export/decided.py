@@ -67,7 +67,7 @@ def _modelled(seen: Disturbance | None) -> Iterator[Quantity]:
 
 
 def _measured(known: Adaptation) -> Iterator[Quantity]:
-    for name, e in known.told().items():
+    for name, e in known.estimates().items():
         yield Quantity(f"size_{name}", e.unit, "size of an effect, as measured so far", e.value)
         yield Quantity(f"size_{name}_sd", e.unit, f"standard deviation of size_{name}", e.sd)
     for name, share in known.share_by_name().items():

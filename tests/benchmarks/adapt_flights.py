@@ -78,7 +78,9 @@ class Watch:
     def size(self, name: str, after_s: float = 0.0, before_s: float = math.inf) -> list[tuple[float, float, float]]:
         """(boot time, value, sd) of one size."""
         return [
-            (t, known.told()[name].value, known.told()[name].sd) for t, known in self.seen if after_s <= t < before_s
+            (t, known.estimates()[name].value, known.estimates()[name].sd)
+            for t, known in self.seen
+            if after_s <= t < before_s
         ]
 
 

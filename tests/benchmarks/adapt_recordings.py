@@ -147,7 +147,7 @@ def main() -> int:
         except UserError as error:
             print(f"{log}: {error}")
             continue
-        sizes = one.known.told()
+        sizes = one.known.estimates()
         forces, moments = one.gained
         print(
             f"{Path(log).stem:34} {one.duration_s:5.0f} s  "

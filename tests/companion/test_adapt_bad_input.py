@@ -62,11 +62,11 @@ def assert_bounded_and_back(watch: Watch) -> None:
     assert abs(before - 1.0) < 0.25
     assert abs(after - 1.0) < 0.3
     for _, known in watch.seen:
-        for size in known.told().values():
+        for size in known.estimates().values():
             assert math.isfinite(size.value)
             assert size.sd > 0.0
         assert all(0.0 <= share <= 1.5 for share in known.shares)
-    last = watch.seen[-1][1].told()
+    last = watch.seen[-1][1].estimates()
     assert abs(last["thrust_scale"].value - 1.0) < 0.06
     assert math.hypot(last["wind_north"].value, last["wind_east"].value) < 1.0
 
@@ -108,7 +108,7 @@ def test_telemetry_of_one_rotor_that_dies_teaches_nothing_wrong(rpm):
 @pytest.mark.slow
 def test_a_mass_that_is_a_third_off_is_a_thrust_scale_and_no_ground_effect():
     watch = flown(low_hover(), vehicle=replace(VEHICLE, mass_kg=1.3 * VEHICLE.mass_kg))
-    last = watch.seen[-1][1].told()
+    last = watch.seen[-1][1].estimates()
     assert last["thrust_scale"].value == pytest.approx(1.3, abs=0.06)
     assert all(0.6 < value < 1.5 for value in ground(watch, 12.0))
     assert compensated(watch.seen[-1][1]) == pytest.approx(1.0, abs=0.15)
@@ -121,6 +121,6 @@ def test_landing_and_standing_teach_nothing():
     last = watch.seen[-1][1]
     assert last.paused == NOT_FLYING
     assert abs(ground(watch, END_S - 1.0)[-1] - 1.0) < 0.3
-    assert abs(last.told()["thrust_scale"].value - 1.0) < 0.06
+    assert abs(last.estimates()["thrust_scale"].value - 1.0) < 0.06
     touched = next(t for t, known in watch.seen if t > HAPPENS_S and known.paused == NOT_FLYING)
     assert watch.seen[-1][1].learned_s == next(known.learned_s for t, known in watch.seen if t > touched + 1.0)

@@ -10,7 +10,7 @@ import pytest
 
 from companion.adaptation import filter as sizes_filter
 from companion.adaptation.filter import excites, later
-from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, prior, size_table, told
+from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, estimates, prior, size_table
 from companion.vehicles import default_vehicle
 from models import load
 from models.effects import InFlight, catalogue, get
@@ -108,7 +108,7 @@ def test_the_table_names_every_size_with_its_unit():
     sizes = size_table(default_vehicle(), load())
     assert tuple(s.name for s in sizes[: len(GAINS)]) == GAINS
     assert len(sizes) == FIRST_EFFECT
-    values = told(sizes, prior(sizes))
+    values = estimates(sizes, prior(sizes))
     assert values["ground_lift"].value == 1.0
     assert values["wind_north"].unit == "m/s"
     assert all(low.low < low.mean < low.high and low.sd > 0.0 for low in sizes)

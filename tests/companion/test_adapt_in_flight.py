@@ -51,7 +51,7 @@ def flown(kind: str, *, offsets: bool = True) -> Watch:
 
 
 def last(watch: Watch, name: str) -> tuple[float, float]:
-    told = watch.seen[-1][1].told()[name]
+    told = watch.seen[-1][1].estimates()[name]
     return told.value, told.sd
 
 
@@ -90,7 +90,7 @@ def test_a_model_that_is_too_strong_is_measured_and_reduced():
 def test_with_a_model_of_the_wrong_sign_what_is_measured_is_compensated_and_the_pilot_reads_so():
     watch = flown("-1.0")
     known = watch.seen[-1][1]
-    assert known.told()["ground_lift"].value < -0.4
+    assert known.estimates()["ground_lift"].value < -0.4
     assert known.shares[0] == 0.0
     (name, share, text), *_ = sentences(known, {})
     assert (name, share) == ("ground_lift", 0.0)
@@ -206,7 +206,7 @@ def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
     known = flown("right").seen[-1][1]
     told = dict(named_values(known))
     assert list(told) == ["ad_gnd", "ad_wall", "ad_tilt", "ad_thr", "ad_wn", "ad_we"]
-    assert told["ad_gnd"] == known.told()["ground_lift"].value
+    assert told["ad_gnd"] == known.estimates()["ground_lift"].value
     assert all(np.isfinite(v) for v in told.values())
 
 

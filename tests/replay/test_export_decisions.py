@@ -72,7 +72,7 @@ def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log):
             assert float(row["model_fz_n"]) == pytest.approx(d.disturbance.wrench[2], rel=1e-8)
             assert float(row["used_h_m"]) == pytest.approx(min(d.disturbance.h_m), rel=1e-8)
     sizes = [r for r in rows.values() if r["size_ground_lift"]]
-    told = decisions[-1].adaptation.told()["ground_lift"]
+    told = decisions[-1].adaptation.estimates()["ground_lift"]
     assert float(sizes[-1]["size_ground_lift"]) == pytest.approx(told.value, rel=1e-8)
     assert float(sizes[-1]["size_ground_lift_sd"]) == pytest.approx(told.sd, rel=1e-8)
 
