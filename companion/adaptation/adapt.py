@@ -29,8 +29,8 @@ from companion.adaptation.sizes import (
     PULL,
     THRUST,
     TILT,
-    Estimate,
     Size,
+    SizeEstimate,
     Sizes,
     channels,
     estimates,
@@ -122,13 +122,13 @@ class Adaptation:
         """Of the model's lift, pull, tilt and of every adopted effect with a size: what is compensated."""
         return self.applied.shares
 
-    def estimates(self) -> dict[str, Estimate]:
+    def estimates(self) -> dict[str, SizeEstimate]:
         """Every size by its name; then the ground's lift where no model is believed, and how far a model is."""
         out = estimates(self.table, self.sizes)
-        out["cheeseman_bennett"] = Estimate(*judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1")
+        out["cheeseman_bennett"] = SizeEstimate(*judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1")
         for name, judged in zip(MODELS, self.judged, strict=True):
             p = judged.probability
-            out[name] = Estimate(p, math.sqrt(p * (1.0 - p)), "probability")
+            out[name] = SizeEstimate(p, math.sqrt(p * (1.0 - p)), "probability")
         return out
 
     def share_by_name(self) -> dict[str, float]:

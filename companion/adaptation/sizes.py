@@ -53,7 +53,7 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SizeEstimate:
     """One size as it is reported."""
 
     value: float
@@ -127,9 +127,9 @@ def prior(table: tuple[Size, ...]) -> Sizes:
     )
 
 
-def estimates(table: tuple[Size, ...], sizes: Sizes) -> dict[str, Estimate]:
+def estimates(table: tuple[Size, ...], sizes: Sizes) -> dict[str, SizeEstimate]:
     """Every size by its name."""
     return {
-        size.name: Estimate(size.as_modelled + float(sizes.offset[k]), sizes.sd(k), size.unit)
+        size.name: SizeEstimate(size.as_modelled + float(sizes.offset[k]), sizes.sd(k), size.unit)
         for k, size in enumerate(table)
     }

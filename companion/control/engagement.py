@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.control.authority import Reason
-from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Air
+from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Airborne
 from companion.control.position_hold import tilt_acceleration
 from companion.estimation.vectors import lagged
 from companion.mavlink.firmware import Stack, stack_of
@@ -40,7 +40,7 @@ def hear_heartbeat(engagement: Engagement, heartbeat: Heartbeat) -> Engagement:
     return replace(engagement, mode=heartbeat.custom_mode, changed_s=changed_s)
 
 
-def watch_take_off(engagement: Engagement, t_s: float, climb_m_s: float | None, air: Air) -> Engagement:
+def watch_take_off(engagement: Engagement, t_s: float, climb_m_s: float | None, air: Airborne) -> Engagement:
     """Whether a take-off is over: steady for a second, or flown in another mode since; never while the autopilot
     reports one.
 

@@ -21,7 +21,7 @@ ABOVE_STANDING_M = 0.10
 """The ground is at least this much further away than where the vehicle stood: several times the range's error."""
 
 
-class Air(NamedTuple):
+class Airborne(NamedTuple):
     """What is known of being in the air."""
 
     landed_state: int = 0
@@ -40,8 +40,8 @@ class Air(NamedTuple):
 
 
 def watch(
-    air: Air, disturbance: Disturbance | None, weight_n: float, t_s: float, *, telemetered: bool, holding: bool
-) -> Air:
+    air: Airborne, disturbance: Disturbance | None, weight_n: float, t_s: float, *, telemetered: bool, holding: bool
+) -> Airborne:
     """One decision further.
 
     The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off. In
@@ -62,7 +62,7 @@ def watch(
         since = t_s if carried == t_s else since
     elif air.landed_state == 0 and t_s - carried > _IDLE_IS_LANDED_S:
         since = math.inf
-    return Air(air.landed_state, since, carried, standing, overruled)
+    return Airborne(air.landed_state, since, carried, standing, overruled)
 
 
 def standing_height(before_m: float, ground: Surface, airborne: bool) -> float:

@@ -14,7 +14,7 @@ from companion.control.compensation import Offset, Offsets
 from companion.control.engagement import Balance, Engagement
 from companion.control.hand_over import HandOver
 from companion.control.hover_thrust import HoverThrust
-from companion.control.landed import Air
+from companion.control.landed import Airborne
 from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.position_target import Target
@@ -28,7 +28,7 @@ from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift
 from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
-_NO_BALANCE, _NO_RESPONSE, _NO_AIR, _NO_OFFSETS = Balance(), AttitudeResponse(), Air(), Offsets()
+_NO_BALANCE, _NO_RESPONSE, _NO_AIR, _NO_OFFSETS = Balance(), AttitudeResponse(), Airborne(), Offsets()
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class PipelineState:
     heartbeat: Heartbeat | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     hover: HoverThrust = field(default_factory=HoverThrust)
-    air: Air = _NO_AIR
+    air: Airborne = _NO_AIR
     engagement: Engagement = field(default_factory=Engagement)
     balance: Balance = _NO_BALANCE
     timing: Timing = field(default_factory=Timing)

@@ -92,10 +92,10 @@ class Survey:
         """Whether it moves the hold."""
         return self.phase in (Phase.FLYING, Phase.RETURNING)
 
-    def wanted(self, t_s: float) -> Wanted:
+    def wanted(self, t_s: float) -> Waypoint:
         """Where the hold is to be."""
         place, rate = self.legs[self.leg].at(t_s - self.since_s)
-        return Wanted(self.anchor + place @ self.axes, rate @ self.axes)
+        return Waypoint(self.anchor + place @ self.axes, rate @ self.axes)
 
     def as_json(self) -> dict[str, object]:
         """What became of it."""
@@ -116,14 +116,14 @@ class Whereabouts:
     """Level unit vector (2,) to the wall."""
 
 
-class Wanted(NamedTuple):
+class Waypoint(NamedTuple):
     """Place and velocity, NED (3,)."""
 
     position: Array
     velocity: Array
 
 
-def as_message(wanted: Wanted, heard: LocalPosition, component: int) -> SetPositionTarget:
+def as_message(wanted: Waypoint, heard: LocalPosition, component: int) -> SetPositionTarget:
     """The wish as the message that a pilot would send to ``component``, stamped like the position behind it."""
     n, e, d = map(float, wanted.position)
     vn, ve, vd = map(float, wanted.velocity)
@@ -138,7 +138,7 @@ def aborted(survey: Survey, why: str) -> Survey:
     return replace(survey, phase=Phase.ABORTED, why=why) if survey.active else survey
 
 
-def advance(survey: Survey, box: SurveyBox, seen: Whereabouts) -> tuple[Survey, Wanted | None]:
+def advance(survey: Survey, box: SurveyBox, seen: Whereabouts) -> tuple[Survey, Waypoint | None]:
     """The survey at ``seen.t_s``, and where the hold is to be; None while it has no wish."""
     if survey.phase in (Phase.DONE, Phase.ABORTED):
         return survey, None

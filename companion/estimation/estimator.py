@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.config import PipelineConfig
-from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict
+from companion.estimation.kalman import Outcome, Track, TrackModel, measure, measure_rate, predict
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
 from companion.estimation.range_doubt import UNREAD, Doubt, OldPlace, Sighting, Why, doubt, jumped, remembered
 from companion.estimation.range_geometry import (
@@ -295,13 +295,13 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
     t_s, before = reading.t_s, beam.track
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
     sigma = math.sqrt(reading.sigma_m**2 + (_RANGE_SIGMA_SHARE * reading.slant_m) ** 2 + 0.01**2 / 12.0)
-    track, verdict = measure(before, _RANGE_TRACK, t_s, reading.distance_m, sigma, _RANGE_DELAY_S)
-    if verdict is Verdict.OUTLIER:
+    track, outcome = measure(before, _RANGE_TRACK, t_s, reading.distance_m, sigma, _RANGE_DELAY_S)
+    if outcome is Outcome.OUTLIER:
         return replace(beam, track=track)
     old = beam.jumped_from
     if here is not None and old is not None:
         old = remembered(old, reading.distance_m, reading.normal_ned, here.position_ned)
-    elif here is not None and before is not None and verdict is Verdict.RESTARTED:
+    elif here is not None and before is not None and outcome is Outcome.RESTARTED:
         place = OldPlace(predict(before, _RANGE_TRACK, t_s).value, reading.normal_ned, here.position_ned)
         old = jumped(place, reading.distance_m, near_m) if before.age(t_s) <= _JUMPS_WITHIN_S else None
     return replace(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)

@@ -26,7 +26,7 @@ class TrackModel:
     """Consecutive outliers within this many units of each other restart the track there."""
 
 
-class Verdict(Enum):
+class Outcome(Enum):
     """What became of one measurement."""
 
     ACCEPTED = "accepted"
@@ -108,24 +108,24 @@ def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
 
 def measure(
     track: Track | None, model: TrackModel, t_s: float, value: float, sigma: float, delay_s: float = 0.0
-) -> tuple[Track | None, Verdict]:
+) -> tuple[Track | None, Outcome]:
     """Take in a measurement stamped ``t_s`` of the value ``delay_s`` earlier. A NaN never reaches the filter."""
     if not (math.isfinite(value) and math.isfinite(sigma) and math.isfinite(t_s)):
-        return track, Verdict.UNUSABLE
+        return track, Outcome.UNUSABLE
     if track is None:
-        return begin(model, t_s, value, sigma), Verdict.RESTARTED
+        return begin(model, t_s, value, sigma), Outcome.RESTARTED
     if t_s < track.t_s - 0.5:
-        return track, Verdict.UNUSABLE
+        return track, Outcome.UNUSABLE
     ahead = predict(track, model, t_s)
     innovation = value - (ahead.value - delay_s * ahead.rate)
     spread = ahead.value_variance - delay_s * (2.0 * ahead.covariance - delay_s * ahead.rate_variance) + sigma * sigma
     if innovation * innovation > model.gate * spread:
         outliers = (*track.outliers, value)[-model.restart_after :]
         if len(outliers) == model.restart_after and max(outliers) - min(outliers) <= model.agree_within:
-            return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Verdict.RESTARTED
-        return ahead._replace(outliers=outliers), Verdict.OUTLIER
+            return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Outcome.RESTARTED
+        return ahead._replace(outliers=outliers), Outcome.OUTLIER
     seen = update(ahead, value, sigma * sigma, 1.0, -delay_s)
-    return Track(*seen[:6], t_s, (), seen.restarted_s), Verdict.ACCEPTED
+    return Track(*seen[:6], t_s, (), seen.restarted_s), Outcome.ACCEPTED
 
 
 def measure_rate(track: Track, model: TrackModel, t_s: float, rate: float, sigma: float) -> Track:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict, update
+from companion.estimation.kalman import Outcome, Track, TrackModel, measure, measure_rate, predict, update
 
 MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.1)
 
@@ -24,8 +24,8 @@ def settled(value=1.0, rate=0.0, delay=0.0, n=100):
 def test_nothing_but_finite_numbers_reaches_the_filter(bad):
     track = settled()
     for value, sigma in ((bad, 0.01), (1.0, bad)):
-        after, verdict = measure(track, MODEL, 6.0, value, sigma)
-        assert verdict is Verdict.UNUSABLE
+        after, outcome = measure(track, MODEL, 6.0, value, sigma)
+        assert outcome is Outcome.UNUSABLE
         assert after is track
     assert measure_rate(track, MODEL, 6.0, bad, 0.1) is track
 
@@ -39,8 +39,8 @@ def test_a_ramp_seen_late_is_tracked_without_lag():
 
 def test_one_outlier_is_rejected_and_does_not_refresh_the_age():
     track = settled()
-    after, verdict = measure(track, MODEL, track.t_s + 0.05, 60.0, 0.01)
-    assert verdict is Verdict.OUTLIER
+    after, outcome = measure(track, MODEL, track.t_s + 0.05, 60.0, 0.01)
+    assert outcome is Outcome.OUTLIER
     assert after.value == pytest.approx(1.0, abs=0.01)
     assert after.updated_s == track.updated_s
 
@@ -48,18 +48,18 @@ def test_one_outlier_is_rejected_and_does_not_refresh_the_age():
 def test_a_step_of_the_world_restarts_the_track_but_scatter_does_not():
     track = settled()
     t = track.t_s
-    verdicts = []
+    outcomes = []
     for i in range(5):
-        track, verdict = measure(track, MODEL, t + 0.05 * (i + 1), 2.0, 0.01)
-        verdicts.append(verdict)
-    assert verdicts == [Verdict.OUTLIER] * 4 + [Verdict.RESTARTED]
+        track, outcome = measure(track, MODEL, t + 0.05 * (i + 1), 2.0, 0.01)
+        outcomes.append(outcome)
+    assert outcomes == [Outcome.OUTLIER] * 4 + [Outcome.RESTARTED]
     assert track.value == pytest.approx(2.0)
     assert track.restarted_s == pytest.approx(t + 0.25)
 
     track = settled()
     for i in range(20):
-        track, verdict = measure(track, MODEL, track.t_s + 0.001, 5.0 + 3.0 * (i % 2), 0.01)
-        assert verdict is Verdict.OUTLIER
+        track, outcome = measure(track, MODEL, track.t_s + 0.001, 5.0 + 3.0 * (i % 2), 0.01)
+        assert outcome is Outcome.OUTLIER
 
 
 def test_the_own_velocity_sharpens_the_rate():
