@@ -13,9 +13,10 @@ import numpy as np
 from models.air_state import blank_state
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.errors import ConfigError
-from models.surrogate.empty import declared_thrust, empty_model
+from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
+from models.vehicle_wrench import reference_thrust
 from replay.search.results import Estimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
@@ -30,7 +31,7 @@ def amended(
 
     ``logs``: what the effects were found in, so that nobody judges the model on them.
     """
-    if model is None and np.ptp(declared_thrust(vehicle)) > 1e-6 * float(np.max(declared_thrust(vehicle))):
+    if model is None and np.ptp(thrust := reference_thrust(vehicle, None)) > 1e-6 * float(np.max(thrust)):
         raise ConfigError(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
