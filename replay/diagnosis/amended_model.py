@@ -14,6 +14,7 @@ from models.air_state import blank_state
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.errors import ConfigError
 from models.surrogate.empty import empty_model
+from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import reference_thrust
@@ -44,6 +45,9 @@ def amended(
     if logs:
         known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
         info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
+    if "fan" not in info and any(e.name == "surface_law" for e in new):
+        # Its map is in rotor radii.
+        info["fan"] = identity(base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m).as_info()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
     days = {e.name: _day(e, context) for e in found}
     of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
