@@ -23,6 +23,8 @@ HEADER = ",".join(COLUMNS)
 MIN_ROWS = 30
 # Two rows at one point may differ by rounding in the file (share of the wrench), not by more.
 DUPLICATE_TOLERANCE = 1e-6
+# Train and test rows are 8:2, as in the paper.
+TEST_SHARE = 0.2
 # Two files give the same place and speed where they agree to this share.
 ROUNDING = 1e-4
 
@@ -78,12 +80,7 @@ def read(path: Path | str) -> DataSet:
     Duplicates that agree are merged, rows at rest (rpm 0, zero wrench) dropped; ``notes`` says so.
     """
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-        lines = raw.decode("utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ModelError(f"data set {path}: cannot be read ({reason})") from None
+    lines = read_text("data set", path, ModelError).splitlines()
     if not lines or lines[0].strip() != HEADER:
         found = lines[0].strip()[:80] if lines else "an empty file"
         raise ModelError(f"data set {path}: the header must be exactly '{HEADER}', not '{found}'")
@@ -96,7 +93,8 @@ def read(path: Path | str) -> DataSet:
     if len(values) < MIN_ROWS:
         raise ModelError(f"data set {path}: has {len(values)} usable rows; at least {MIN_ROWS} are needed")
     h, d, rpm = values[:, :3].T
-    return DataSet(h, d, rpm, values[:, 3:], path.name, hashlib.sha256(raw).hexdigest(), tuple(notes))
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return DataSet(h, d, rpm, values[:, 3:], path.name, sha256, tuple(notes))
 
 
 def with_sigma(data: DataSet, path: Path | str) -> DataSet:
@@ -127,30 +125,24 @@ def with_sigma(data: DataSet, path: Path | str) -> DataSet:
     return replace(data, sigma=sigma)
 
 
-def write(path: Path | str, data: DataSet) -> None:
-    """Write a data set in the format of docs/formats.md, eight digits."""
-    table = np.column_stack([data.h, data.d, data.rpm, data.wrench])
-    np.savetxt(path, table, fmt="%.8g", delimiter=",", header=HEADER, comments="")
-
-
-def holdout(data: DataSet, seed: int, share: float = 0.2) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Train and test rows, 8:2 as in the paper, drawn by place (h, d); reproducible by ``seed``.
+def held_out(data: DataSet, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Mask (n,) of the rows to test on: whole random places (h, d), about ``TEST_SHARE`` of the rows between them.
 
     All rotor speeds of a place go the same way: they say almost the same. Free air is the reference that increments are
     counted from and is never held out.
     """
-    test = held_out(data, np.random.default_rng(seed), share)
-    return np.flatnonzero(~test), np.flatnonzero(test)
-
-
-def held_out(data: DataSet, rng: np.random.Generator, share: float) -> NDArray[np.bool_]:
-    """Mask (n,) of whole random places with about ``share`` of the rows between them, free air not among them."""
     locations = data.locations
     order = rng.permutation(np.unique(locations[~data.free_air]))
     rows = np.bincount(locations)[order].cumsum()
-    cut = int(np.abs(rows - share * len(data)).argmin()) + 1
+    cut = int(np.abs(rows - TEST_SHARE * len(data)).argmin()) + 1
     mask: NDArray[np.bool_] = np.isin(locations, order[:cut])
     return mask
+
+
+def place_means(values: Array, place: NDArray[np.intp]) -> Array:
+    """Means (places, k) of ``values`` (n, k) over the rows of each place, which ``place`` (n,) numbers from 0."""
+    count = np.bincount(place)
+    return np.stack([np.bincount(place, weights=column) / count for column in values.T], axis=1)
 
 
 def half(data: DataSet, which: str) -> DataSet:

@@ -55,7 +55,7 @@ class Finding(NamedTuple):
 
     key: str
     text: str
-    refused: bool
+    refused: bool = False
 
 
 Check = tuple[bool, Finding]
@@ -77,17 +77,13 @@ def _error(key: str, text: str) -> Finding:
     return Finding(key, text, True)
 
 
-def _warning(key: str, text: str) -> Finding:
-    return Finding(key, text, False)
-
-
 def _reach(vehicle: Vehicle) -> float:
     return max(math.hypot(*fan.position_m) + fan.lip_radius_m for fan in vehicle.fans)
 
 
 def _assumed(vehicle: Vehicle) -> Iterator[Check]:
     text = f"{', '.join(vehicle.assumed)}: typical numbers, not those of this vehicle"
-    yield bool(vehicle.assumed), _warning("assumed", text)
+    yield bool(vehicle.assumed), Finding("assumed", text)
 
 
 def _masses(vehicle: Vehicle) -> Iterator[Check]:
@@ -105,7 +101,7 @@ def _masses(vehicle: Vehicle) -> Iterator[Check]:
     )
     yield gyration > _GYRATION_OVER_REACH * reach, _error("inertia_kgm2", text)
     text = f"is very small for {vehicle.mass_kg:g} kg over {reach:.2f} m: in kg m^2?"
-    yield gyration < _SMALL_GYRATION * reach, _warning("inertia_kgm2", text)
+    yield gyration < _SMALL_GYRATION * reach, Finding("inertia_kgm2", text)
 
 
 def _places(vehicle: Vehicle) -> Iterator[Check]:
@@ -122,7 +118,7 @@ def _places(vehicle: Vehicle) -> Iterator[Check]:
         yield apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m), _error(f"fan[{j}].lip_radius_m", text)
     off = math.hypot(*(sum(fan.position_m[k] for fan in vehicle.fans) / len(vehicle.fans) for k in (0, 1)))
     text = f"the fans' centre is {off:.2f} m from the CG: positions are from the CG, body FRD"
-    yield off > _OFF_CENTRE * _reach(vehicle), _warning("fan.position_m", text)
+    yield off > _OFF_CENTRE * _reach(vehicle), Finding("fan.position_m", text)
 
 
 def _spins(vehicle: Vehicle) -> Iterator[Check]:
@@ -135,7 +131,7 @@ def _spins(vehicle: Vehicle) -> Iterator[Check]:
     )
     yield abs(sum(spins)) == len(spins), alike
     text = f"{spins.count(1)} rotors turn cw and {spins.count(-1)} ccw"
-    yield len(spins) % 2 == 0 and 0 < abs(sum(spins)) < len(spins), _warning("fan.rotors.spin", text)
+    yield len(spins) % 2 == 0 and 0 < abs(sum(spins)) < len(spins), Finding("fan.rotors.spin", text)
 
 
 def _rotor_speed(vehicle: Vehicle) -> Iterator[Check]:
@@ -162,19 +158,19 @@ def _throttle(vehicle: Vehicle) -> Iterator[Check]:
     e, u = throttle.expo, vehicle.hover_thrust
     lift = ratio * ((1.0 - e) * u + e * u * u)
     text = f"{u:g} lifts {lift:.2g} of the weight by [throttle]"
-    yield ratio >= impossible and abs(lift - 1.0) > _HOVER_LIFT_OFF, _warning("hover_thrust", text)
+    yield ratio >= impossible and abs(lift - 1.0) > _HOVER_LIFT_OFF, Finding("hover_thrust", text)
 
 
 def _ranges(vehicle: Vehicle) -> Iterator[Check]:
     text = "none is declared: nothing is known of ground and wall, no offset will be given"
-    yield not vehicle.rangefinders, _warning("rangefinder", text)
+    yield not vehicle.rangefinders, Finding("rangefinder", text)
     for i, sensor in enumerate(vehicle.rangefinders, 1):
         looks, usual = _DIRECTIONS.get(sensor.orientation), dict(_SEEN.values()).get(sensor.target)
         odd = looks is not None and usual is not None and target_of(sensor.orientation) != sensor.target
         text = f"{sensor.orientation} looks {looks}, and the target is {usual}"
         yield odd, _error(f"rangefinder[{i}].orientation", text)
     blind = bool(vehicle.rangefinders) and not vehicle.rangefinders_for("ground")
-    yield blind, _warning("rangefinder", "none looks at the ground: its effect is not compensated")
+    yield blind, Finding("rangefinder", "none looks at the ground: its effect is not compensated")
 
 
 def target_of(orientation: int) -> str:
@@ -192,7 +188,7 @@ def _vertical(vehicle: Vehicle) -> Iterator[Check]:
     for i, sensor in enumerate(vehicle.rangefinders, 1):
         above = sensor.target == "ground" and sensor.position_m[2] < top - _SENSOR_ABOVE_M
         text = "looks down from above the rotors: z is positive down; is a sign flipped?"
-        yield above, _warning(f"rangefinder[{i}].position_m", text)
+        yield above, Finding(f"rangefinder[{i}].position_m", text)
 
 
 def _slews(vehicle: Vehicle) -> Iterator[Check]:
@@ -205,4 +201,4 @@ def _slews(vehicle: Vehicle) -> Iterator[Check]:
             f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor offsets are to be "
             f"gone within {_GONE_S:g} s"
         )
-        yield most / rate > _GONE_S * (1.0 + 1e-9), _warning(f"limits.{key}", text)
+        yield most / rate > _GONE_S * (1.0 + 1e-9), Finding(f"limits.{key}", text)

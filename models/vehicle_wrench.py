@@ -24,7 +24,6 @@ class FanModel(Protocol):
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """Total wrench (..., 6) of one fan in its corner frame."""
-        ...
 
 
 def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
@@ -56,6 +55,11 @@ def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: Arr
     return vehicle.mass_kg * GRAVITY / len(vehicle.fans) * (speed / REFERENCE_RPM) ** 2
 
 
+def reference_thrust(vehicle: Vehicle, model: FanModel | None) -> Array:
+    """Free-air thrust [N] (fans,) at ``REFERENCE_RPM``; without a model as the vehicle file declares it."""
+    return np.array([float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM)) for fan in vehicle.fans])
+
+
 def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLike) -> Array:
     """Rotor speeds [rpm] (..., rotors) that give the thrust the ``[throttle]`` curve declares for these outputs.
 
@@ -63,9 +67,8 @@ def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLik
     thrust. Without a model and without ``ct`` the vehicle's own hover fixes the scale.
     """
     owner = np.asarray(vehicle.rotor_fan)
-    reference = np.array([_reference_thrust(vehicle, model, fan) for fan in vehicle.fans])
     whole = servo_thrust(vehicle, servo_us) * vehicle.rotor_counts[owner]
-    return np.asarray(REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference[owner]))
+    return np.asarray(REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference_thrust(vehicle, model)[owner]))
 
 
 def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
@@ -89,8 +92,7 @@ def modelled_wrench(vehicle: Vehicle, model: FanModel | None, state: AirState) -
     speeds = fan_rpm(vehicle, state.rpm)
     if model is None:
         body = np.zeros((*speeds.shape, 6))
-        reference = [_reference_thrust(vehicle, model, fan) for fan in vehicle.fans]
-        body[..., 2] = -((speeds / REFERENCE_RPM) ** 2) * reference
+        body[..., 2] = -((speeds / REFERENCE_RPM) ** 2) * reference_thrust(vehicle, None)
     else:
         body = corner_to_body(model.wrench(state.h_m, state.d_m, speeds), state.wall_bearing_rad[..., None])
     total: Array = at_cg(body, vehicle.fan_positions_m).sum(axis=-2)
@@ -137,8 +139,3 @@ def fan_torques(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
 def _dynamic_force(vehicle: Vehicle, rpm: Array) -> Array:
     """rho A Omega^2 R^2 [N] at sea-level density."""
     return RHO_SEA_LEVEL * vehicle.disc_area_m2 * (rpm * RPM_TO_RAD_S * vehicle.rotor_radius_m) ** 2
-
-
-def _reference_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan) -> float:
-    """Free-air thrust [N] of a fan at the reference speed."""
-    return float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM))

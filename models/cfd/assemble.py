@@ -15,16 +15,13 @@ from scipy.optimize import least_squares
 
 from models.cfd.case_run import Row
 from models.cfd.config import Setup
-from models.cfd.fidelity import Correction, learn
-from models.cfd.labels import ODD, TILT, Label, full_kind, labels
+from models.cfd.fidelity import TINY, Correction, learn
+from models.cfd.labels import ODD, TILT, Label, added, full_kind, labels
 from models.cfd.position import FREE, Place
 from models.cfd.table import six
 from models.dataset import COLUMNS
 from models.errors import ModelError
 from models.frames import Array
-
-# Variance [N^2, N^2 m^2] far below that of any row.
-TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,7 @@ class _Maker:
         """
         if not self._solved(place, rpm):
             return None
-        solved = _added(self.full[rpm], place)
+        solved = added(self.full[rpm], place)
         other = self._half(place, rpm, alone=True) or self._by_law(place, rpm, alone=True)
         return solved if place == FREE or other is None else _weighted(solved, other, self.mixed)
 
@@ -148,10 +145,10 @@ class _Maker:
         """By a half model at that speed, with what full models add; ``alone``: those at other places."""
         if place not in self.half[rpm]:
             return None
-        half, square = _added(self.half[rpm], place), (rpm / self.rpm) ** 2
+        half, square = added(self.half[rpm], place), (rpm / self.rpm) ** 2
         whole = None if alone or rpm == self.rpm or place not in self.half[self.rpm] else self._full(place, self.rpm)
         if whole is not None:
-            change = whole.wrench - _added(self.half[self.rpm], place).wrench
+            change = whole.wrench - added(self.half[self.rpm], place).wrench
             return replace(
                 whole,
                 wrench=half.wrench + square * change,
@@ -180,12 +177,6 @@ class _Maker:
         )
 
 
-def _added(by_place: dict[Place, Label], place: Place) -> Label:
-    """The label of what a place adds to free air, by one kind of case at one speed."""
-    label = by_place[place]
-    return replace(label, wrench=label.wrench - by_place[FREE].wrench)
-
-
 def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
     """Exponents of the increments by least squares over all positions solved at several speeds.
 
@@ -197,8 +188,8 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
     if not pairs:
         raise ModelError("the cases lack positions at other rotor speeds; run the campaign on")
     logs = np.array([math.log(rpm / reference) for rpm, _ in pairs])
-    at_reference = np.array([_added(base, place).wrench for _, place in pairs])
-    elsewhere = np.array([_added(others[rpm], place).wrench * (reference / rpm) ** 2 for rpm, place in pairs])
+    at_reference = np.array([added(base, place).wrench for _, place in pairs])
+    elsewhere = np.array([added(others[rpm], place).wrench * (reference / rpm) ** 2 for rpm, place in pairs])
     exponent, error, left = np.zeros(6), np.zeros(6), np.zeros(6)
     for k in np.flatnonzero(~ODD):
         x, y = at_reference[:, k], elsewhere[:, k]

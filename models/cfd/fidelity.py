@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.cfd.labels import TILT, Label
+from models.cfd.labels import TILT, Label, added
 from models.cfd.position import FREE, Place, near
 from models.frames import Array
 
@@ -123,11 +123,8 @@ def learn(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correctio
     """
     able = FREE in full and FREE in half
     places = tuple(sorted(p for p in full if able and p in half and p != FREE))
-    if not places:
-        none = np.empty((0, 6))
-        return Correction((), none, none, none)
-    change = np.array([full[p].wrench - full[FREE].wrench - (half[p].wrench - half[FREE].wrench) for p in places])
-    known = np.array([np.hypot(full[p].sigma, half[p].sigma) for p in places])
+    change = np.array([added(full, p).wrench - added(half, p).wrench for p in places]).reshape(-1, 6)
+    known = np.array([np.hypot(full[p].sigma, half[p].sigma) for p in places]).reshape(-1, 6)
     bare = Correction(places, change, known, change)
     if len(places) < LEAST:
         return bare

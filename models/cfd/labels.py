@@ -10,13 +10,13 @@ means can be compared.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.cfd.case_run import Result, Row
-from models.cfd.position import Place, Position, near
+from models.cfd.position import FREE, Place, Position, near
 from models.frames import Array
 
 # By the mirror plane through axis and wall normal, without swirl.
@@ -80,6 +80,12 @@ def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, La
         if row.position.rpm == rpm:
             found.setdefault(row.position.place, []).append(row)
     return {place: _label(place, states, error) for place, states in found.items()}
+
+
+def added(by_place: Mapping[Place, Label], place: Place) -> Label:
+    """The label of what a place adds to free air, by one kind of case at one speed."""
+    label = by_place[place]
+    return replace(label, wrench=label.wrench - by_place[FREE].wrench)
 
 
 def _label(place: Place, states: Sequence[Row], known: MeanError) -> Label:

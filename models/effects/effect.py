@@ -18,8 +18,6 @@ from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import FanModel, fan_rpm, fan_torques, free_air_thrust, rpm_from_servos, servo_thrust
 
-__all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown"]
-
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
 PULL, TILT = np.eye(6)[[0, 4]]

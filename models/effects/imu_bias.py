@@ -11,7 +11,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
-from models.effects.pictures import over_time
 from models.frames import Array
 
 
@@ -51,5 +50,5 @@ EFFECT = Effect(
     chance=0.3,
     # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
     kinematic_bias=lambda *_: np.eye(3, 5),
-    shown=Shown(over_time, _words),
+    shown=Shown(in_words=_words),
 )

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.effects.effect import NOT_FLOWN, Coefficient, Context, Effect, Shape, Shown, through, where_thrust_is_flown
-from models.effects.pictures import over_time
 from models.frames import Array
 
 LAG_DOUBT_S = 0.035
@@ -52,5 +51,5 @@ EFFECT = Effect(
     chance=lambda ctx: ctx.by_kind(0.04, 0.2),
     searched=("Fz",),
     in_flight=NOT_FLOWN,
-    shown=Shown(over_time, _words),
+    shown=Shown(in_words=_words),
 )

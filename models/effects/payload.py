@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
-from models.effects.pictures import over_time, percent
+from models.effects.pictures import percent
 from models.frames import Array
 
 BESIDE_S = 8.0
@@ -60,5 +60,5 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    shown=Shown(over_time, _words),
+    shown=Shown(in_words=_words),
 )

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
-from models.effects.pictures import over_time
 from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
@@ -62,5 +61,5 @@ EFFECT = Effect(
     in_flight=NOT_FLOWN,
     main=("swinging",),
     contains=("payload",),
-    shown=Shown(over_time, _words),
+    shown=Shown(in_words=_words),
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.dataset import DataSet
+from models.dataset import DataSet, place_means
 from models.frames import Array
 from models.surrogate.free_air import HORIZONTAL
 
@@ -90,7 +90,6 @@ def _effect_of_other(at: Array, increments: Array, query: Array) -> Array:
     """Increments (n, 6) that the other surface causes alone, interpolated over its distance (inf allowed)."""
     inverse = 1.0 / (1.0 + at)
     places, index = np.unique(inverse, return_inverse=True)
-    count = np.bincount(index)
     want = 1.0 / (1.0 + query)
-    columns = [np.interp(want, places, np.bincount(index, weights=column) / count) for column in increments.T]
+    columns = [np.interp(want, places, column) for column in place_means(increments, index).T]
     return np.stack(columns, axis=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,15 +42,6 @@ class Domain:
         low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
         high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
         return np.asarray(inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high)))
-
-    def arrays(self) -> dict[str, Array]:
-        """What weights.npz holds."""
-        return {"domain_map": self.map}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Array], bounds: Mapping[str, float]) -> Domain:
-        """Inverse of ``arrays``, with the bounds from model.json."""
-        return cls(map=np.asarray(arrays["domain_map"], dtype=float), **bounds)
 
 
 def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:

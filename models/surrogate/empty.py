@@ -11,7 +11,7 @@ from models.surrogate.fan_surrogate import Calibration, FanSurrogate
 from models.surrogate.free_air import FreeAir
 from models.surrogate.polynomial import PolynomialRegressor
 from models.vehicle import Vehicle
-from models.vehicle_wrench import REFERENCE_RPM, free_air_thrust
+from models.vehicle_wrench import REFERENCE_RPM, reference_thrust
 
 
 def empty_model(vehicle: Vehicle) -> FanSurrogate:
@@ -19,7 +19,7 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
 
     Raises ConfigError where rotor speeds are telemetered and a fan has no ``ct``.
     """
-    thrust = declared_thrust(vehicle)
+    thrust = reference_thrust(vehicle, None)
     zero = (0.0,) * 6
     law = FreeAir(float(thrust.mean()), REFERENCE_RPM, 0.0, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), zero, "vehicle file")
     fan = identity(law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m)
@@ -31,11 +31,6 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
         Domain(np.ones((NODES, NODES)), 0.0, 0.0, 1.0, 1e5),
         info={"method": "none", "data_hash": "", "metrics": {}, "fan": fan.as_info()},
     )
-
-
-def declared_thrust(vehicle: Vehicle) -> np.ndarray:
-    """Free-air thrust [N] (fans,) at ``REFERENCE_RPM`` as the vehicle file declares it."""
-    return np.array([float(free_air_thrust(vehicle, None, fan, REFERENCE_RPM)) for fan in vehicle.fans])
 
 
 def is_empty(model: FanSurrogate) -> bool:

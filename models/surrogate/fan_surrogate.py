@@ -32,11 +32,9 @@ class Regressor(Protocol):
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread, each (n, 6), at inputs (n, 3)."""
-        ...
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
-        ...
 
 
 class Answer(NamedTuple):

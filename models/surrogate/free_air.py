@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.dataset import DataSet
+from models.dataset import DataSet, place_means
 from models.errors import ModelError
 from models.frames import AXES, Array
 
@@ -101,8 +101,7 @@ def _standing(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
 def mean_over_places(ratio: Array, place: Array | NDArray[np.intp]) -> tuple[Array, Array]:
     """Mean (6,) of ``ratio`` (n, 6), and its standard error, rows of one ``place`` (n,) counting as one."""
     _, place = np.unique(place, return_inverse=True)
-    count = np.bincount(place)
-    means = np.stack([np.bincount(place, weights=column) / count for column in ratio.T], axis=1)
+    means = place_means(ratio, place)
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means)) if len(means) > 1 else np.zeros(6)
     return means.mean(axis=0), error
 

@@ -39,7 +39,7 @@ def save_model(directory: Path | str, model: FanSurrogate) -> None:
     ``model.info`` is kept: an amended model (``FanSurrogate.with_effects``) stays what it was plus its effects.
     """
     directory = Path(directory)
-    arrays = {**model.regressor.arrays(), **model.domain.arrays()}
+    arrays = {**model.regressor.arrays(), "domain_map": model.domain.map}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     weights = buffer.getvalue()
@@ -90,7 +90,7 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
             Coordinates(**manifest["coordinates"]),
             regressor,
             Calibration(**_tuples(manifest["calibration"])),
-            Domain.from_arrays(arrays, manifest["domain"]),
+            Domain(arrays["domain_map"], **manifest["domain"]),
             effects=tuple(map(_effect, manifest["effects"])),
             info={k: v for k, v in manifest.items() if k not in _OWN_KEYS},
         )

@@ -19,22 +19,7 @@ from models.pages.document import document, verdict, write_document
 from models.pages.svg import Line, figure
 from models.surrogate import free_air
 from models.surrogate.fan_surrogate import Regressor
-from models.training.train import (
-    METHODS,
-    PAPER_METHODS,
-    Problem,
-    Progress,
-    constant_notes,
-    defined,
-    drawn,
-    frame,
-    increments,
-    paper_nets,
-    r_squared,
-    silent,
-    trainer,
-    weights,
-)
+from models.training import train
 
 # More rows are sampled: kriging's cost grows with their cube.
 MAX_ROWS = 2500
@@ -42,8 +27,6 @@ ADAM_RATE = 0.01
 """The paper gives no rate: a usual one for small nets. ``models train`` takes a larger one and more epochs."""
 COLOURS = ("before", "a", "after", "b", "fit", "c")
 """Of the components on the page, in the order of AXES."""
-# Splits of 8:2, as in the paper.
-TEST_SHARE = 0.2
 
 Mask = NDArray[np.bool_]
 
@@ -54,9 +37,8 @@ class Task:
 
     name: str
     kind: str
-    train: Mask
     test: Mask
-    problem: Problem
+    problem: train.Problem
     """All rows, in the frame of the learnt ones."""
 
 
@@ -70,7 +52,7 @@ class Comparison:
 
 
 def compare(
-    data: DataSet, seed: int = 0, *, splits: int = 20, epochs: int = 1000, progress: Progress = silent
+    data: DataSet, seed: int = 0, *, splits: int = 20, epochs: int = 1000, progress: train.Progress = train.silent
 ) -> Comparison:
     """Train every method on ``splits`` random 8:2 splits and with regions left out.
 
@@ -82,14 +64,14 @@ def compare(
     notes = list(data.notes)
     if len(data) > MAX_ROWS:
         notes.append(f"{MAX_ROWS} of {len(data)} rows, drawn at random, were compared on")
-    data = data.take(drawn(len(data), MAX_ROWS, rng))
-    live = frame(data).live
+    data = data.take(train.drawn(len(data), MAX_ROWS, rng))
+    live = train.frame(data).live
     if not live.any():
         raise ModelError(f"data set {data.source}: no component depends on the place beyond noise; nothing to compare")
-    notes += constant_notes(live)
+    notes += train.constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
     answers: dict[str, list[Array]] = {}
-    for method in METHODS:
+    for method in train.METHODS:
         answers[method] = []
         for k, task in enumerate(tasks):
             regressor = _fit(method, task, epochs, rng)
@@ -114,17 +96,18 @@ def compare(
 
 
 def _tasks(data: DataSet, live: Mask, splits: int, rng: np.random.Generator) -> list[Task]:
-    out = [_task(data, live, f"split {i}", "split", held_out(data, rng, TEST_SHARE)) for i in range(splits)]
+    out = [_task(data, live, f"split {i}", "split", held_out(data, rng)) for i in range(splits)]
     return out + [_task(data, live, name, "region", test) for name, test in regions(data).items()]
 
 
 def _task(data: DataSet, live: Mask, name: str, kind: str, test: Mask) -> Task:
-    learnt = frame(data.take(~test), live)
+    learnt = train.frame(data.take(~test), live)
     law = learnt.free_air
     x, gate = learnt.coordinates.inputs(data.h, data.d, data.rpm)
-    y = np.where(live, increments(data.wrench, data.rpm, law), 0.0)
-    problem = Problem(law, learnt.coordinates, x, gate, y, learnt.scale, data.locations, live, weights(data, law))
-    return Task(name, kind, ~test, test, problem)
+    y = np.where(live, train.increments(data.wrench, data.rpm, law), 0.0)
+    weight = train.weights(data, law)
+    problem = train.Problem(law, learnt.coordinates, x, gate, y, learnt.scale, data.locations, live, weight)
+    return Task(name, kind, test, problem)
 
 
 def regions(data: DataSet) -> dict[str, Mask]:
@@ -145,27 +128,27 @@ def regions(data: DataSet) -> dict[str, Mask]:
 
 def _fit(method: str, task: Task, epochs: int, rng: np.random.Generator) -> Regressor:
     """Trained on the task's learnt rows; of the paper's methods one net for each component."""
-    learnt = task.problem.take(np.flatnonzero(task.train))
-    if method in PAPER_METHODS:
-        return paper_nets(learnt, np.ones((1, len(learnt)), dtype=bool), method, rng, epochs, ADAM_RATE)
-    return trainer(learnt, method, rng)(learnt)
+    learnt = task.problem.take(np.flatnonzero(~task.test))
+    if method in train.PAPER_METHODS:
+        return train.paper_nets(learnt, np.ones((1, len(learnt)), dtype=bool), method, rng, epochs, ADAM_RATE)
+    return train.trainer(learnt, method, rng)(learnt)
 
 
 def _r2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
     """R^2 by method and component, mean and standard deviation over the splits; None where a component is constant."""
-    out: dict[str, Any] = {method: {axis: {} for axis in AXES} for method in METHODS}
-    for method in METHODS:
-        for part in ("train", "test"):
+    out: dict[str, Any] = {method: {axis: {} for axis in AXES} for method in train.METHODS}
+    for method in train.METHODS:
+        for part, tested in (("train", False), ("test", True)):
             scores = np.array(
                 [
-                    r_squared(task.problem.y[getattr(task, part)], answer[getattr(task, part)])
+                    train.r_squared(task.problem.y[task.test == tested], answer[task.test == tested])
                     for task, answer in zip(tasks, answers[method], strict=True)
                     if task.kind == "split"
                 ]
             )
             mean, sd = scores.mean(axis=0), spread(scores)
             for c, axis in enumerate(AXES):
-                out[method][axis] |= {part: defined(mean[c]), f"{part}_sd": defined(sd[c])}
+                out[method][axis] |= {part: train.defined(mean[c]), f"{part}_sd": train.defined(sd[c])}
     return out
 
 
@@ -187,7 +170,7 @@ def _regions(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str,
             "rows": int(task.test.sum()),
             "relative_error": {
                 m: float(np.mean(np.sqrt(np.mean((answers[m][k][task.test] - y) ** 2, axis=0))[live] / size[live]))
-                for m in METHODS
+                for m in train.METHODS
             },
         }
     return out
@@ -229,13 +212,13 @@ def text(numbers: Mapping[str, Any]) -> str:
         "",
         "Held-out R^2 of the increments, mean +- sd over splits, nothing chosen on test rows.",
         "",
-        *_rows(METHODS, {axis: [_mean_sd(scores[m][axis]) for m in METHODS] for axis in AXES}),
+        *_rows(tuple(scores), {axis: [_mean_sd(row[axis]) for row in scores.values()] for axis in AXES}),
         "",
         "Regions left out whole: error over the increments' RMS there (1 = as bad as no model).",
         "",
         *_rows(
-            ("rows", *METHODS),
-            {n: [str(r["rows"]), *(f"{r['relative_error'][m]:.3f}" for m in METHODS)] for n, r in regions.items()},
+            ("rows", *scores),
+            {n: [str(r["rows"]), *(f"{r['relative_error'][m]:.3f}" for m in scores)] for n, r in regions.items()},
         ),
     ]
     return "\n".join(lines)
@@ -260,7 +243,7 @@ def write_page(directory: Path, result: Comparison, command: str) -> Path:
         f"<h1>{escape(head)}</h1>",
         verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
         f"<pre>{escape(text(result.numbers))}</pre>",
-        f'<div class="plots">{"".join(_held_out(result, method) for method in METHODS)}</div>',
+        f'<div class="plots">{"".join(_held_out(result, method) for method in train.METHODS)}</div>',
     ]
     return write_document("--report", directory / "report.html", document(head, parts))
 

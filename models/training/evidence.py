@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.dataset import place_means
 from models.frames import Array
 from models.surrogate import polynomial
 
@@ -48,10 +49,7 @@ def unexplained(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree:
 
 def _nearest(x: Array, y: Array, place: NDArray[np.intp]) -> Array:
     """Sum of squared errors (6,) of the mean of the nearest other places' means."""
-    count = np.bincount(place)
-    centre, mean = (
-        np.stack([np.bincount(place, weights=column) / count for column in a.T], axis=1) for a in (x[:, :2], y)
-    )
+    centre, mean = (place_means(a, place) for a in (x[:, :2], y))
     distance = ((centre[:, None] - centre[None]) ** 2).sum(axis=-1)
     np.fill_diagonal(distance, np.inf)
     near = np.argsort(distance, axis=1)[:, :NEIGHBOURS]

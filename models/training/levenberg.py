@@ -9,12 +9,10 @@ from models.frames import Array
 
 # Most evaluations of one net, and the share of the cost below which a step ends it.
 EVALUATIONS, STANDSTILL = 300, 1e-4
-# Keeps the normal equations regular; far below what smooths.
-LEAST_DECAY = 1e-7
 
 
 def train(
-    x: Array, y: Array, gate: Array, hidden: int, rng: np.random.Generator, decay: float = LEAST_DECAY
+    x: Array, y: Array, gate: Array, hidden: int, rng: np.random.Generator, decay: float
 ) -> tuple[Array, Array, Array, float]:
     """Minimise mean((gate x net(x) - y)^2) + decay |theta|^2 from a random start.
 

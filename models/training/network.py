@@ -1,7 +1,7 @@
 """Stacked one-hidden-layer nets in torch: errors of whole populations, and the descent of whole ensembles in one go.
 
 A net is its chromosome: W (n_in x n_hid), b (n_hid), v (n_hid), o, row after row: y = v . tanh(x W + b) + o. Torch is
-needed to train the paper's four methods only; what flies is ``models.ensemble``.
+needed to train the paper's four methods only; what flies is ``models.surrogate.net_ensemble``.
 """
 
 from __future__ import annotations

@@ -155,4 +155,4 @@ def typical_sizes(
 
 
 def _typical(value: float, factor: float, source: str) -> Guess:
-    return Guess(float(f"{value:.4g}"), source, value / factor, value * factor)
+    return Guess(_round(value), source, value / factor, value * factor)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vehicle
+from models.vehicle import Fan, Rangefinder, Rotor, Throttle, Vehicle
 from models.vehicle_plausibility import target_of
 from models.vehicle_setup.estimate import OPEN_ROTOR_CT, inertia, max_thrust, pwm_range, throttle_output
 from models.vehicle_setup.frames import Motor
@@ -53,7 +53,6 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
         fans=tuple(_fan(a, motors) for motors in places(a.motors)),
         throttle=None if a.telemetered else _throttle(a, hover, said),
         rangefinders=a.ranges,
-        limits=Limits(),
     )
     said["rotors"] = "esc counts from 1 as in the telemetry; spin seen from above"
     return vehicle, said

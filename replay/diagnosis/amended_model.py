@@ -13,9 +13,11 @@ import numpy as np
 from models.air_state import blank_state
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.errors import ConfigError
-from models.surrogate.empty import declared_thrust, empty_model
+from models.surrogate.empty import empty_model
+from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
+from models.vehicle_wrench import reference_thrust
 from replay.search.results import Estimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
@@ -30,7 +32,7 @@ def amended(
 
     ``logs``: what the effects were found in, so that nobody judges the model on them.
     """
-    if model is None and np.ptp(declared_thrust(vehicle)) > 1e-6 * float(np.max(declared_thrust(vehicle))):
+    if model is None and np.ptp(thrust := reference_thrust(vehicle, None)) > 1e-6 * float(np.max(thrust)):
         raise ConfigError(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
@@ -43,6 +45,9 @@ def amended(
     if logs:
         known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
         info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
+    if "fan" not in info and any(e.name == "surface_law" for e in new):
+        # Its map is in rotor radii.
+        info["fan"] = identity(base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m).as_info()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
     days = {e.name: _day(e, context) for e in found}
     of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}

@@ -25,14 +25,13 @@ ROOT = Path(__file__).resolve().parents[2]
 WRITE = """
 import sys; sys.path[:0] = [{tests!r}, {root!r}]
 from pathlib import Path
-from log_writers import quad_flight, write_tlog
-from models import dataset
+from log_writers import quad_flight, write_data_set, write_tlog
 from models.corner_law import ClosedForm
 here = Path("."); (here / "logs").mkdir()
 write_tlog(here / "hover.tlog", quad_flight(60.0))
 write_tlog(here / "flight.tlog", quad_flight(40.0, mass_kg=3.4, seed=2))
 write_tlog(here / "logs" / "monday.tlog", quad_flight(25.0, seed=3))
-dataset.write(here / "fan.csv", ClosedForm().data_set())
+write_data_set(here / "fan.csv", ClosedForm().data_set())
 """
 
 

@@ -1,4 +1,4 @@
-"""Writes small logs with known content: .tlog, .BIN and .ulg."""
+"""Writes small logs with known content: .tlog, .BIN and .ulg; and the data set of a fan."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS
 from companion.mavlink.frames import pack
+from models.dataset import HEADER, DataSet
 from models.frames import GRAVITY
 
 EPOCH_US = 1_767_225_600_000_000
@@ -322,3 +323,9 @@ def ulg_flight(seconds: float = 4.0) -> bytes:
         w.row("battery_status", us, 16.0, -1.0)
         w.row("actuator_outputs", us, *range(1000, 1016))
     return w.bytes()
+
+
+def write_data_set(path, data: DataSet) -> None:
+    """In the format of docs/formats.md, eight digits."""
+    table = np.column_stack([data.h, data.d, data.rpm, data.wrench])
+    np.savetxt(path, table, fmt="%.8g", delimiter=",", header=HEADER, comments="")

@@ -43,17 +43,15 @@ def scatter_of(path: Path, count: int) -> Array:
 
 def held_out_r2(data: DataSet, seed: int) -> tuple[Array, Array]:
     """R2 (6,) of the increments on held-out places, and the mask (n,) of their rows; nan for what is not live."""
-    learnt_rows, test_rows = dataset.holdout(data, seed)
-    problem = train.frame(data.take(learnt_rows))
+    mask = dataset.held_out(data, np.random.default_rng(seed))
+    problem = train.frame(data.take(~mask))
     rng = np.random.default_rng(seed)
     decays = train.choose_decays(problem, rng)
     nets = train.levenberg_nets(problem, train.folds(problem, train.MEMBERS, rng), rng, decays)
-    test = data.take(test_rows)
+    test = data.take(mask)
     x, gate = problem.coordinates.inputs(test.h, test.d, test.rpm)
     truth = train.increments(test.wrench, test.rpm, problem.free_air)
     r2 = train.r_squared(truth, gate * nets.predict(x)[0])
-    mask = np.zeros(len(data), dtype=bool)
-    mask[test_rows] = True
     return np.where(problem.live, r2, np.nan), mask
 
 
@@ -65,10 +63,10 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
 
     # A length at its bound says that a coordinate does not matter.
     warnings.simplefilter("ignore", ConvergenceWarning)
-    learnt_rows, test_rows = dataset.holdout(data, seed)
-    learnt, test = data.take(learnt_rows), data.take(test_rows)
+    held_out = dataset.held_out(data, np.random.default_rng(seed))
+    learnt, test = data.take(~held_out), data.take(held_out)
     problem = train.frame(learnt)
-    noise = scatter[learnt_rows] / problem.free_air.lift(learnt.rpm)[:, None]
+    noise = scatter[~held_out] / problem.free_air.lift(learnt.rpm)[:, None]
     middle = learnt.rpm == np.sort(np.unique(learnt.rpm))[len(np.unique(learnt.rpm)) // 2]
     x, gate = problem.coordinates.inputs(test.h, test.d, test.rpm)
     truth = train.increments(test.wrench, test.rpm, problem.free_air)

@@ -58,7 +58,7 @@ def main() -> None:
     for k, block in enumerate(sixteenths(data)[:: args.every]):
         rest = data.take(~block)
         model = train.train(rest, "ensemble", args.seed + k).model
-        _, scattered = dataset.holdout(free_air.level(rest), args.seed + k)
+        scattered = dataset.held_out(free_air.level(rest), np.random.default_rng(args.seed + k))
         for name, rows in (("scattered places", rest.take(scattered)), ("whole blocks", data.take(block))):
             answer = model.query(rows.h, rows.d, rows.rpm)
             error = np.abs(answer.wrench - rows.wrench)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from log_writers import write_data_set
 
 import models.training
 from models import cli, dataset
@@ -21,7 +22,7 @@ from models.training.train import METHODS
 def csv(tmp_path: Path) -> Path:
     data = ClosedForm().data_set()
     keep = (np.random.default_rng(0).random(len(data)) < 0.2) | data.free_air
-    dataset.write(tmp_path / "fan.csv", data.take(keep))
+    write_data_set(tmp_path / "fan.csv", data.take(keep))
     return tmp_path / "fan.csv"
 
 

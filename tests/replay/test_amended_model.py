@@ -98,3 +98,12 @@ def test_axes_on_which_an_effect_does_not_act_are_kept(tmp_path: Path, log: Path
     path.write_text(path.read_text().replace('"My"', '"Mq"'))
     with pytest.raises(ModelError, match="'thrust_scale': axis 'Mq' is not one of Fx, Fy, Fz"):
         load(tmp_path / "m")
+
+
+def test_the_map_of_ground_and_wall_is_in_the_radii_of_the_vehicle_where_a_model_names_no_fan() -> None:
+    law = get("surface_law")
+    size = dict.fromkeys([c.name for c in law.coefficients], 0.02) | dict.fromkeys([s.name for s in law.shapes], 1.0)
+    found, bare = AdoptedEffect(law.name, size), load()
+    nameless = bare.with_effects((), {key: value for key, value in bare.info.items() if key != "fan"})
+    model = amended(nameless, default_vehicle(), [found])
+    assert model.wrench(0.2, 0.1, 4000.0) == pytest.approx(bare.with_effects((found,)).wrench(0.2, 0.1, 4000.0))

@@ -9,12 +9,11 @@ import effects_page
 import numpy as np
 import pytest
 import results_page
-from log_writers import flight, quad_flight, write_tlog
+from log_writers import flight, quad_flight, write_data_set, write_tlog
 
 import companion.cli
 import models.cli
 import replay.cli
-from models import dataset
 from models.corner_law import ClosedForm
 from models.effects import catalogue
 from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehicle
@@ -80,7 +79,7 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "logs").mkdir()
     write_tlog(tmp_path / "logs" / "monday.tlog", quad_flight(25.0, seed=3))
     data = ClosedForm().data_set()
-    dataset.write(tmp_path / "fan.csv", data)
+    write_data_set(tmp_path / "fan.csv", data)
     return tmp_path
 
 
