@@ -16,7 +16,7 @@ from models.errors import ConfigError
 from models.surrogate.empty import declared_thrust, empty_model
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.search.results import Estimate
+from replay.search.results import IntervalEstimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
@@ -52,7 +52,7 @@ def amended(
 
 
 def to_adopt(
-    effect: Effect, estimates: Sequence[Estimate], context: Context, without: Sequence[str] = (), *,
+    effect: Effect, estimates: Sequence[IntervalEstimate], context: Context, without: Sequence[str] = (), *,
     one_wind: bool = False,
 ) -> AdoptedEffect:  # fmt: skip
     """What was found, with the sizes that another flight may be predicted by.

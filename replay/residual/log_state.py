@@ -14,7 +14,7 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
-from replay.residual.motion import Motion
+from replay.residual.motion import Trajectory
 
 DISTANCES = ("ranges_m", "h_m", "d_m", "second_d_m", "ceiling_m")
 """Columns of ``AirState`` that are infinite where nothing is seen."""
@@ -47,7 +47,7 @@ def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> 
     return {"rpm": rpm, "servo_us": servo}
 
 
-def raw_state(log: FlightLog, vehicle: Vehicle, motion: Motion) -> AirState:
+def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
     """The flight at the raw rate (n rows), without distances. LogError where rotor speeds or outputs are missing."""
     t = motion.grid.t
     if vehicle.telemetered:

@@ -28,7 +28,7 @@ ENOUGH_S = 8.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class Trajectory:
     """What the log says of the motion at the ``n`` times ``grid.t``; NaN where it says nothing.
 
     ``force`` (n, 3) specific force [m/s^2] and ``gyro`` (n, 3) [rad/s], body FRD; ``rotation`` (n, 3, 3) body to world;
@@ -55,7 +55,7 @@ class Motion:
         return out
 
 
-def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
+def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     """The motion over the time with IMU and attitude. Raises LogError in one line where one is missing or too slow."""
     if not log.imus:
         raise LogError(
@@ -78,7 +78,7 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
     # A quarter of the rate is carried by linear interpolation; rotor speeds are no better known than they are sent.
     grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0, rotor_rate_hz(log, vehicle) / 4.0))
     gyro = imu.gyro if len(imu.gyro) and np.isfinite(imu.gyro.values).any() else log.rates
-    return Motion(
+    return Trajectory(
         grid,
         imu.specific_force.at(grid.t, MAX_GAP_S),
         _columns(gyro, grid.t, MAX_GAP_S),
@@ -98,7 +98,7 @@ def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
     return log.servo.rate_hz if log.servo is not None else np.inf
 
 
-def judged_axes(motion: Motion, vehicle: Vehicle) -> tuple[list[int], list[str]]:
+def judged_axes(motion: Trajectory, vehicle: Vehicle) -> tuple[list[int], list[str]]:
     """Axes of the wrench that log and vehicle file can judge, and a note where it is not all six."""
     if "position_m" in vehicle.assumed:
         return [0, 1, 2], ["where the rotors are is assumed: forces only"]

@@ -47,7 +47,7 @@ CLOSEST = 0.02
 
 
 @dataclass(frozen=True)
-class Carrier:
+class CarryingChannel:
     """A channel that carries part of the remainder: ``score`` is its share of the energy of ``axis``."""
 
     name: str

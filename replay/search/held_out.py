@@ -18,7 +18,7 @@ from models.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths
-from replay.search.curves import Carrier
+from replay.search.curves import CarryingChannel
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
 from replay.search.outside import Outside, outside
@@ -67,7 +67,7 @@ class FlightFit:
     """With every effect and its model-form error, and the trims, fitted on all time."""
     beside: Array
     """Free curves and trims."""
-    carriers: tuple[Carrier, ...] = ()
+    carriers: tuple[CarryingChannel, ...] = ()
     """Channels that carry what is left: the free curves of the set, the largest first."""
     confirms: frozenset[Key] = frozenset()
     """Effects that lower the residual here where they were fitted on the other flights."""
@@ -156,7 +156,7 @@ def _acting(
     return acting, np.where(judged, own + bent, 0.0)
 
 
-def _curves(library: Library, best: Fit, fit: FlightFit) -> tuple[tuple[Carrier, ...], Array]:
+def _curves(library: Library, best: Fit, fit: FlightFit) -> tuple[tuple[CarryingChannel, ...], Array]:
     """Which channel carries how much of what is left, and the sum of their free curves (n, 6)."""
     carriers, curves = [], np.zeros_like(fit.before)
     for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
@@ -165,7 +165,7 @@ def _curves(library: Library, best: Fit, fit: FlightFit) -> tuple[tuple[Carrier,
         curves[:, a] += library.curve(t, fit.index) @ best.b[best.part(t)]
         gain = with_it - fit.energy(fit.after - curves, [a])
         share = gain / max(fit.energy(fit.rest, [a]), 1e-30)
-        carriers.append((gain, Carrier(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
+        carriers.append((gain, CarryingChannel(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
     carriers.sort(key=lambda c: -c[0])
     return tuple(c for _, c in carriers), curves
 

@@ -11,7 +11,7 @@ import numpy as np
 from models.effects import Context, Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Channel, Columns, hundredths
+from replay.search.channel import Columns, ResidualChannel, hundredths
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 from replay.search.terms import (
@@ -199,10 +199,10 @@ class Library:
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
         return [a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched]
 
-    def _channel(self, f: int, a: int) -> Channel:
+    def _channel(self, f: int, a: int) -> ResidualChannel:
         record, every = self.records[f], self.every[f]
         residual = np.nan_to_num(record.residual[::every, a])
-        return Channel(f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a])
+        return ResidualChannel(f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a])
 
     def _add_trim(self) -> Columns:
         """What every flight has without any effect, as columns of no term."""

@@ -31,7 +31,7 @@ WORSE_SHARE = 0.005
 
 
 @dataclass(frozen=True)
-class Estimate:
+class IntervalEstimate:
     """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
 
     name: str
@@ -62,7 +62,7 @@ class Found:
     """
 
     effect: Effect
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[IntervalEstimate, ...]
     axes: tuple[str, ...]
     explains: float
     probability: float
@@ -226,7 +226,7 @@ def _found(
     )
 
 
-def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ...]:
+def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[IntervalEstimate, ...]:
     """Coefficients on the flight that they are shown by, then the shape.
 
     Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
@@ -248,10 +248,10 @@ def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ..
         at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         interval = min(value, m - half), max(value, m + half)
-        out.append(Estimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
+        out.append(IntervalEstimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
     for i, shape in enumerate(effect.shapes):
         low, high, at = _shape_interval(walked, term, i)
-        out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
+        out.append(IntervalEstimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
     return tuple(out)
 
 
