@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ zero}, "shape": {parameter: value}}} of what belongs to one flight."""
 
 
 def amended(
-    model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect], logs: Sequence[Path] = ()
+    model: FanSurrogate | None, vehicle: Vehicle, effects: Sequence[AdoptedEffect], logs: Sequence[Path] = ()
 ) -> FanSurrogate:
     """The model with ``effects`` added to those it has; weather and load start at zero, with their spread.
 
@@ -35,16 +35,15 @@ def amended(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
     base = empty_model(vehicle) if model is None else model
-    found = list(effects)
     new = tuple(
-        replace(e, parameters=get(e.name).of_next_flight(e.parameters)) for e in found if not get(e.name).all_of_day
+        replace(e, parameters=get(e.name).of_next_flight(e.parameters)) for e in effects if not get(e.name).all_of_day
     )
     info: dict[str, Any] = dict(base.info)
     if logs:
         known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
         info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
-    days = {e.name: _day(e, context) for e in found}
+    days = {e.name: _day(e, context) for e in effects}
     of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
     if of_day:
         info[OF_DAY] = of_day
@@ -68,8 +67,6 @@ def to_adopt(
     share = 0.5 if one_wind and of_wind else 1.0
     by_name = {e.name: e for e in estimates}
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
-        if c.name not in by_name:
-            continue
         e = by_name[c.name]
         mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
         off = e.value - mean

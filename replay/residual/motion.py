@@ -81,11 +81,11 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     return Trajectory(
         grid,
         imu.specific_force.at(grid.t, MAX_GAP_S),
-        _columns(gyro, grid.t, MAX_GAP_S),
+        sampled(gyro, 3, grid.t, MAX_GAP_S),
         0.0 if gyro is None else gyro.rate_hz,
         rotation_from_quaternion(_unit(log.attitude.at(grid.t, MAX_GAP_S))),
-        _columns(log.position, grid.t, POSITION_GAP_S),
-        _columns(log.velocity, grid.t, POSITION_GAP_S),
+        sampled(log.position, 3, grid.t, POSITION_GAP_S),
+        sampled(log.velocity, 3, grid.t, POSITION_GAP_S),
         log.attitude.rate_hz,
     )
 
@@ -108,8 +108,9 @@ def judged_axes(motion: Trajectory, vehicle: Vehicle) -> tuple[list[int], list[s
     return list(range(6)), []
 
 
-def _columns(series: Series | None, t: Array, gap_s: float) -> Array:
-    return np.full((len(t), 3), np.nan) if series is None else series.at(t, gap_s)
+def sampled(series: Series | None, width: int, t: Array, gap_s: float) -> Array:
+    """A series of ``width`` columns at the times ``t``, (n, width); NaN where it is absent or ``gap_s`` away."""
+    return np.full((len(t), width), np.nan) if series is None else series.at(t, gap_s)
 
 
 def _unit(q: Array) -> Array:

@@ -186,7 +186,7 @@ class Evidence:
         """
         library = self.library
         by_width: dict[int, list[int]] = {}
-        for i in range(len(library.terms)) if key is None else library.numbers_of(key):
+        for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
             by_width.setdefault(len(library.terms[i].columns), []).append(i)
         set_columns, x_bias = Design(library, fit.terms).columns, library.x_bias
         cross, g = x_bias[:, set_columns].T @ x_bias, library.bias @ x_bias

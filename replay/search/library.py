@@ -8,7 +8,7 @@ from itertools import accumulate, zip_longest
 
 import numpy as np
 
-from models.effects import Context, Effect
+from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.channel import Columns, ResidualChannel, hundredths
@@ -67,7 +67,8 @@ class Library:
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
-        self._of_key: dict[Key, list[int]] = {}
+        self.numbers_of: dict[Key, list[int]] = {}
+        """Numbers of the terms with a key: one effect in all its shapes."""
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
         self.remainders: list[Effect] = []
@@ -144,7 +145,8 @@ class Library:
         self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
     ) -> None:
         """One shape of an effect: numbers for coefficients and model-form errors, and columns in every channel."""
-        spread, centre = prior_of(effect, self.records[flights[0]].context, shape)
+        context = self.records[flights[0]].context
+        spread, centre = prior_of(effect, context, shape)
         places, priors = self._numbered(effect, flights, spread, centre)
         bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
         for parts in zip_longest(*bent):
@@ -154,13 +156,13 @@ class Library:
             priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
         columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
-        odds = effect.log_odds(self.context(flights[0]))
+        odds = effect.log_odds(context)
         self._take_in(
             Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, odds, main, places, flight)
         )
 
     def _take_in(self, term: Term) -> None:
-        self._of_key.setdefault(term.key, []).append(len(self.terms))
+        self.numbers_of.setdefault(term.key, []).append(len(self.terms))
         self.terms.append(term)
 
     def _numbered(
@@ -172,7 +174,7 @@ class Library:
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
-                    low, high = c.least(self.context(f)) / spread[i], c.high / spread[i]
+                    low, high = c.least(self.records[f].context) / spread[i], c.high / spread[i]
                     priors.append((self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c))))
                     self.size += 1
                 places[f][i] = self.size - 1
@@ -227,14 +229,6 @@ class Library:
             if f == flight:
                 out += value * x
         return out
-
-    def numbers_of(self, key: Key) -> list[int]:
-        """Numbers of the terms with a key: one effect in all its shapes."""
-        return self._of_key[key]
-
-    def context(self, flight: int) -> Context:
-        """Of a flight."""
-        return self.records[flight].context
 
     def curve(self, term: Term, flight: int) -> Array:
         """Columns (n, k) of a free curve at the record's rate."""

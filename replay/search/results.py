@@ -281,7 +281,7 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
     beside = [t for t in walked.best.terms if t is not term]
     screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
     gains: dict[float, float] = {}
-    for number in evidence.library.numbers_of(term.key):
+    for number in evidence.library.numbers_of[term.key]:
         other = evidence.library.terms[number].shape
         if other[:i] + other[i + 1 :] == term.shape[:i] + term.shape[i + 1 :] and other[i] not in shape.kinds:
             gains[other[i]] = TRUST * float(screened[number])

@@ -130,14 +130,13 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
 
 
 def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[float]:
-    """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say."""
-    kind = np.array([any(v in p.kinds for v, p in zip(s, effect.shapes, strict=True)) for s in shapes])
-    weight = np.array(
-        [
-            np.exp(-0.5 * sum((v / p.typical) ** 2 for v, p in zip(s, effect.shapes, strict=True) if p.typical))
-            for s in shapes
-        ]
-    )
+    """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say.
+
+    A shape v has exp(-1/2 sum (v_i / typical_i)^2) over the sum of all that are kinds, or of all that are not.
+    """
+    named = [list(zip(s, effect.shapes, strict=True)) for s in shapes]
+    kind = np.array([any(v in p.kinds for v, p in values) for values in named])
+    weight = np.exp([-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named])
     for part in (kind, ~kind):
         if part.any():
             weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()
