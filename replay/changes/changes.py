@@ -178,7 +178,7 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
         return False
     main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
+    if all(e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
     u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
     return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())

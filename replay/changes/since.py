@@ -15,7 +15,7 @@ from replay.diagnosis.words import estimate_text, plain
 from replay.fleet.jobs import recorded
 from replay.numbers import rounded
 from replay.report import render
-from replay.residual.record import Record, check_model
+from replay.residual.record import Record
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,6 @@ def since(
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> ChangeReport:
     """Compare flights, in order of their date, with the vehicle as its good flights show it."""
-    check_model(vehicle, model)
     learnt, said = read_records(good, vehicle, model, target_system)
     as_it_was = learn(learnt)
     notes = []

@@ -31,7 +31,6 @@ def diagnose(
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
-    check_model(vehicle, model)
     records, notes = read_records(progress(paths), vehicle, model, target_system)
     return conclude(records, notes)
 
@@ -64,7 +63,11 @@ def conclude(
 def read_records(
     paths: Iterable[Path], vehicle: Vehicle, model: FanSurrogate | None, target_system: int | None
 ) -> tuple[list[Record], list[str]]:
-    """Flights of some logs, and what is to be said of reading them; LogError where none can be judged."""
+    """Flights of some logs, and what is to be said of reading them.
+
+    LogError where none can be judged, ConfigError where the vehicle file lacks what the empty model needs.
+    """
+    check_model(vehicle, model)
     records: list[Record] = []
     notes: list[str] = []
     problems: list[LogError] = []

@@ -51,8 +51,7 @@ class Trajectory:
             return np.full_like(self.force, np.nan)
         accel = rate_of_change(self.velocity, self.grid.rate)
         accel[:, 2] -= GRAVITY
-        out: Array = self.force - np.einsum("nji,nj->ni", self.rotation, accel)
-        return out
+        return np.asarray(self.force - np.einsum("nji,nj->ni", self.rotation, accel))
 
 
 def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
@@ -115,5 +114,4 @@ def sampled(series: Series | None, width: int, t: Array, gap_s: float) -> Array:
 
 def _unit(q: Array) -> Array:
     with np.errstate(invalid="ignore"):
-        unit: Array = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return unit
+        return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))

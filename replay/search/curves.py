@@ -65,8 +65,7 @@ class Curve:
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
     """Every curve that may stand for an unknown force."""
-    names = list(dict.fromkeys(name for r in records for name in r.channels))
-    for name in names:
+    for name in dict.fromkeys(name for r in records for name in r.channels):
         if name == "time_s" and len(records) > 1:
             continue
         basis = _basis(records, name)
@@ -131,5 +130,4 @@ def _of_range(known: Array) -> Callable[[Array], Array] | None:
 
 def _centred(x: Array, record: Record) -> Array:
     x = np.nan_to_num(x)
-    out: Array = x - x[record.valid].mean(axis=0)
-    return out
+    return np.asarray(x - x[record.valid].mean(axis=0))

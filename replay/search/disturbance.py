@@ -76,8 +76,7 @@ def runs(valid: Mask) -> NDArray[np.int64]:
     """How many valid samples went directly before (n,); -1 where a sample is not valid."""
     index = np.arange(len(valid))
     broken = np.maximum.accumulate(np.where(valid, -1, index))
-    out: NDArray[np.int64] = np.where(valid, index - broken - 1, -1)
-    return out
+    return np.where(valid, index - broken - 1, -1)
 
 
 def _spectrum(step_s: float, slow_s: float, share: float) -> Spectrum:

@@ -198,7 +198,7 @@ def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightF
             good = _removes(fit, fit.rest + _wrench(evidence, best, t, fit), _wrench(evidence, others, t, fit))
         else:
             good = _of_day_removes(evidence, best, t, fit) and any(
-                _of_day_removes(evidence, best, t, other) for other in fits if other is not fit
+                _of_day_removes(evidence, best, t, fits[f]) for f in t.places if f != fit.index
             )
         if good:
             out.add(t.key)
@@ -213,15 +213,17 @@ def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Arr
 
 def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
     """Whether the part of an effect that is of one flight lowers its residual: no other flight can show it."""
-    if fit.index not in t.places:
-        return False
     of_day = np.array([float(t.named.of_day(c)) for c in t.named.coefficients])
     own = _wrench(evidence, best, t, fit, of_day)
     return _removes(fit, fit.rest + own, own)
 
 
 def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
-    """Whether ``wrench`` (n, 6), not fitted here, lowers the residual's energy: 95 % bootstrap interval over blocks."""
+    """Whether ``wrench`` w (n, 6), not fitted here, lowers the energy of the ``residual`` r beside it.
+
+    The gain sum |r|^2 - |r - w|^2 is above CONFIRM_SHARE sum |r|^2, and above 0 in 97.5 % of DRAWS bootstrap samples of
+    its blocks (Künsch 1989, Annals of Statistics 17, 1217).
+    """
     axes, valid = list(fit.record.axes), fit.record.valid
     left, removed = ((x[valid] / hundredths(fit.record.context))[:, axes] for x in (residual, wrench))
     gain = (left**2 - (left - removed) ** 2).sum(axis=1)

@@ -137,7 +137,7 @@ class Library:
     def _add_effect(self, effect: Effect, usable: Sequence[int]) -> None:
         groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
         for flight, flights in groups:
-            shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
+            shapes = list(dict.fromkeys(effect.shape_grid(self.records[flights[0]].context)))
             for shape, log_shape in zip(shapes, log_shapes(effect, shapes), strict=True):
                 self._add(effect, flight, flights, shape, log_shape)
 

@@ -49,7 +49,7 @@ class IntervalEstimate:
 
     @property
     def sign_probability(self) -> float:
-        """That it has the sign of its value; 1 where the interval leaves zero out."""
+        """That it has the sign of its value, Phi(|b| / s); 1 where the interval leaves zero out."""
         low, high = self.ci95
         return float(ndtr(abs(self.value) / (high - low) * 2.0 * 1.96)) if low <= 0.0 <= high and low < high else 1.0
 
@@ -263,7 +263,10 @@ def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
 
 
 def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
-    """Variance of the coefficients over the sets that hold the effect, by their probability."""
+    """Variance (k,) of the coefficients b_S over the sets S that hold the effect, by their probability p_S.
+
+    sum p_S (b_S - ``mean``)^2 / sum p_S: Hoeting et al. 1999, Statistical Science 14, 382.
+    """
     out, total = np.zeros_like(mean), 0.0
     for fit, weight in walked.weighted():
         for t in fit.terms:
@@ -274,7 +277,10 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
 
 
 def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
-    """95 % interval of a shape parameter beside the others, to half way to the next value tried; at the grid's edge."""
+    """95 % interval of a shape parameter beside the others, and whether it stands at the grid's edge.
+
+    The density over the values tried goes with exp(TRUST gain in log evidence), each to half way to the next.
+    """
     shape, value, evidence = term.named.shapes[i], float(term.shape[i]), walked.evidence
     if not shape.continuous or value in shape.kinds:
         return value, value, False
@@ -314,7 +320,10 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
 
 
 def _excited(walked: Walked, term: Term) -> bool:
-    """Whether one of its coefficients would be known to a third of the smallest effect that is named."""
+    """Whether the flights would know one of its main coefficients, beside the set.
+
+    Its standard deviation s / sqrt(TRUST) makes less than a hundredth of the weight, the smallest effect that is named.
+    """
     evidence = walked.evidence
     fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
     part = fit.part(term)

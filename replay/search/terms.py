@@ -108,10 +108,9 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
     """
     valid = record.valid
-    weight = record.context.weight
     size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)
     top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
-    if top < 1e-9 * weight:
+    if top < 1e-9 * record.context.weight:
         return []
     u = np.minimum(size / top, 1.0)
     energy = np.where(valid, size**2, 0.0)

@@ -107,9 +107,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
 def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Every member's best shape beside the others."""
     evidence = sets.evidence
-    for term in fit.terms:
-        if only is not None and term.key != only:
-            continue
+    for term in (t for t in fit.terms if only in (None, t.key)):
         terms, rivals = evidence.library.terms, evidence.library.numbers_of[term.key]
         if len(rivals) < 2 or term not in fit.terms:
             continue
