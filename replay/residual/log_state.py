@@ -90,10 +90,10 @@ def decimated(state: AirState, grid: Grid) -> AirState:
 
     def at_rate(name: str, x: Array) -> Array:
         if name == "time_s" or name.endswith("_bearing_rad"):
-            return np.asarray(grid.pick(x))
+            return x[:: grid.every]
         if name not in DISTANCES:
             return grid.smooth(x)
-        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), grid.pick(x)
+        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), x[:: grid.every]
         return np.asarray(np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked))
 
     return AirState(**{f.name: at_rate(f.name, getattr(state, f.name)) for f in fields(state)})

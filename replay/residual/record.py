@@ -94,7 +94,7 @@ def build_record(
     kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
     derived = derived_accelerometer(motion, time.valid)
     small = decimated(state, grid)
-    valid = np.isfinite(residual).all(axis=1) & grid.pick(time.valid)
+    valid = np.isfinite(residual).all(axis=1) & time.valid[:: grid.every]
     flown = small.time_s[valid]
     rotors = delays[0]
     record = Record(

@@ -14,7 +14,7 @@ from replay.residual.grid import Mask, band, rate_of_change
 from replay.residual.motion import Trajectory
 
 FEWEST_SAMPLES = 50
-"""Airborne samples for that."""
+"""Airborne samples from which on the lift is compared."""
 FEWEST_COMMON = 200
 """Common samples from which on a correlation counts."""
 BAND_S = (0.05, 0.5)
