@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tqdm import tqdm
+
 from companion.vehicles import vehicle_path
 from models.errors import LogError
-from models.progress import Bars
 
 if TYPE_CHECKING:
     from companion.invariants import Audit
@@ -19,8 +20,6 @@ from replay.pipeline_options import add_answer_options
 _EPILOG = """exit codes: 0 every requirement was kept; 1 one was broken; 2 bad arguments or vehicle file; 3 log
 unreadable, or without the companion's own messages; 130 interrupted. What the requirements mean: docs/safety.md."""
 _BROKEN = 1
-_EVERY = 20_000
-"""Frames between two moves of the progress bar."""
 
 
 def add_parser(commands: Any) -> None:
@@ -52,7 +51,7 @@ def run(a: argparse.Namespace) -> int:
 
     vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)
     quiet = a.quiet or a.json == "-"
-    audits = [_audit(log, vehicle, a, Bars(quiet)) for log in a.logs]
+    audits = [_audit(log, vehicle, a, quiet=quiet) for log in a.logs]
     kept = all(one.kept for one in audits)
     if a.json is not None:
         answers = [{"log": str(log), **one.as_json()} for log, one in zip(a.logs, audits, strict=True)]
@@ -62,7 +61,7 @@ def run(a: argparse.Namespace) -> int:
     return 0 if kept else _BROKEN
 
 
-def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, bars: Bars) -> Audit:
+def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet: bool) -> Audit:
     """Check one recording.
 
     Raises LogError where it cannot be read, or holds nothing that the companion sent.
@@ -84,11 +83,9 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, bars: Bar
     others = {number for *_, number in counts.keys() - ours}
     hold = SET_ATTITUDE_TARGET not in others if a.setpoint is None else a.setpoint == "hold"
     auditor = Auditor(vehicle, hold=hold, dry_run=a.dry_run, system=a.target_system)
-    for i, (arrival_us, raw) in enumerate(log.frames()):
-        if i % _EVERY == 0:
-            bars(path.name, i, len(log))
+    bar = True if quiet else None  # None: only to a terminal
+    for arrival_us, raw in tqdm(log.frames(), path.name, len(log), unit="frame", leave=False, disable=bar):
         auditor.frame(arrival_us, cut(raw, 0))
-    bars.close()
     return auditor.audit
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from models.arguments import Parser, VersionAction, run_command
 from models.errors import ConfigError, LogError
 from replay.pipeline_options import (
+    EXIT_CODES,
     add_answer_options,
     add_folder_options,
     add_pipeline_options,
@@ -26,20 +27,18 @@ _COMMANDS = (
     "replay.desk.cli",
 )
 """Modules with ``add_parser(commands)``, which sets ``run``."""
-_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
-messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of ``replay``."""
     p = Parser(
         prog="replay", description="Recorded flights: what the companion decides on them, and what its model lacks.",
-        epilog=_EPILOG,
+        epilog=EXIT_CODES,
     )  # fmt: skip
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser(
-        "run", help="feed a log through the flight pipeline and report its decisions", epilog=_EPILOG,
+        "run", help="feed a log through the flight pipeline and report its decisions", epilog=EXIT_CODES,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
     )  # fmt: skip
     run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")

@@ -21,7 +21,7 @@ DEFAULT = "default"
 
 
 @dataclass(frozen=True)
-class Answer(Diagnosis):
+class NotebookDiagnosis(Diagnosis):
     """A diagnosis, as ``replay diagnose`` gives it, that a notebook shows as its page."""
 
     def _repr_html_(self) -> str:
@@ -40,7 +40,7 @@ def diagnose(
     propeller_inch: float | None = None,
     span_m: float | None = None,
     target_system: int | None = None,
-) -> Answer:
+) -> NotebookDiagnosis:
     """What the declared model lacks on one log, or on several of one vehicle.
 
     ``vehicle``: None drafts it from the logs, by ``mass_kg``, ``propeller_inch`` and ``span_m`` where they are known.
@@ -57,4 +57,4 @@ def diagnose(
     if isinstance(model, str):
         model = choose(vehicle, None if model == DEFAULT else model).judged
     found = asked.diagnose(paths, vehicle, model, target_system=target_system)
-    return Answer(**vars(replace(found, notes=(*notes, *found.notes))))
+    return NotebookDiagnosis(**vars(replace(found, notes=(*notes, *found.notes))))

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from models.vehicle import Vehicle
 
 
+EXIT_CODES = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
+messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
+"""Of commands that need every log."""
+
+
 def add_pipeline_options(p: argparse.ArgumentParser) -> None:
     """What a replay of the flight pipeline is given."""
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: the paper's tandem)")

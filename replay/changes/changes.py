@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
-from replay.changes.spread import LAWS, Size, as_flown, usual
+from replay.changes.spread import LAWS, VarianceComponent, as_flown, usual
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Design, Library
-from replay.search.results import Estimate
+from replay.search.results import IntervalEstimate
 from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term
 from replay.search.walk import walk
@@ -36,7 +36,7 @@ class Change:
     """One effect that is not as it was, by how much, and what else it could be."""
 
     effect: Effect
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[IntervalEstimate, ...]
     probability: float
     aliases: tuple[str, ...]
     since: str = ""
@@ -63,7 +63,7 @@ class Baseline:
 
     records: tuple[Record, ...]
     found: tuple[AdoptedEffect, ...]
-    sizes: tuple[Size, ...]
+    sizes: tuple[VarianceComponent, ...]
 
 
 def learn(records: Sequence[Record]) -> Baseline:
@@ -159,16 +159,16 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
     return [change for _, change in sorted(out, key=lambda p: -p[0])]
 
 
-def _estimates(fit: Fit, term: Term) -> tuple[Estimate, ...]:
+def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
     """Coefficients with their 95 % intervals, then the shape."""
     assert term.flight is not None
     part, place = fit.part(term), term.place(term.flight)
     mean, sd = fit.sizes(term, term.flight), np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     out = [
-        Estimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
+        IntervalEstimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
         for c, m, s in zip(term.named.coefficients, mean, sd, strict=True)
     ]
-    out += [Estimate(s.name, v, (v, v), s.unit) for s, v in zip(term.named.shapes, term.shape, strict=True)]
+    out += [IntervalEstimate(s.name, v, (v, v), s.unit) for s, v in zip(term.named.shapes, term.shape, strict=True)]
     return tuple(out)
 
 
@@ -178,7 +178,7 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
         return False
     main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
+    if all(e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
     u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
     return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())

@@ -15,11 +15,11 @@ from replay.diagnosis.words import estimate_text, plain
 from replay.fleet.jobs import recorded
 from replay.numbers import rounded
 from replay.report import render
-from replay.residual.record import Record, check_model
+from replay.residual.record import Record
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ChangeReport:
     """The answer: changes since the good flights that stay, first cause first; usually none."""
 
     good: Baseline
@@ -67,9 +67,8 @@ def since(
     *,
     target_system: int | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
-) -> Comparison:
+) -> ChangeReport:
     """Compare flights, in order of their date, with the vehicle as its good flights show it."""
-    check_model(vehicle, model)
     learnt, said = read_records(good, vehicle, model, target_system)
     as_it_was = learn(learnt)
     notes = []
@@ -87,10 +86,10 @@ def since(
         else:
             latest = [c for own in shows[at:] for c in own][-1]
             stays.append(replace(latest, since=flights[at][0].name))
-    return Comparison(as_it_was, flights, tuple(stays), (*notes, *dict.fromkeys((*said, *more))))
+    return ChangeReport(as_it_was, flights, tuple(stays), (*notes, *dict.fromkeys((*said, *more))))
 
 
-def page(answer: Comparison, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:
+def page(answer: ChangeReport, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:
     """The text as one HTML page. ``faults``: ``channel`` and ``what`` of a model or file of another vehicle."""
     findings = [f"{plain(c.name).capitalize()} changed since {c.since}" for c in answer.changed]
     good = ", ".join(r.name for r in answer.good.records)

@@ -32,7 +32,7 @@ USUAL_FLIGHTS = 4.0
 
 
 @dataclass(frozen=True)
-class Size:
+class VarianceComponent:
     """One coefficient of an effect in one shape, with its standard deviation from flight to flight."""
 
     effect: Effect
@@ -47,7 +47,7 @@ class Size:
         return regressors_of(self.effect, record, self.shape)[..., self.coefficient] * self.sd
 
 
-def usual(effects: Sequence[Effect], found: Sequence[AdoptedEffect], record: Record) -> list[Size]:
+def usual(effects: Sequence[Effect], found: Sequence[AdoptedEffect], record: Record) -> list[VarianceComponent]:
     """Sizes of all effects that every flight has something of, with their usual spread; the weather's is its prior.
 
     ``found``: gives the shapes; else every kind of an effect, or the first of what would be tried.
@@ -64,7 +64,7 @@ def usual(effects: Sequence[Effect], found: Sequence[AdoptedEffect], record: Rec
             grid = grid[:1]
         for shape in grid:
             for i, c in enumerate(effect.coefficients):
-                out.append(Size(effect, shape, i, _share(effect, c) * c.spread(record.context)))
+                out.append(VarianceComponent(effect, shape, i, _share(effect, c) * c.spread(record.context)))
     return out
 
 
@@ -77,7 +77,7 @@ def _share(effect: Effect, coefficient: Coefficient) -> float:
     return USUAL_SHARE[effect.belongs_to if effect.belongs_to is BelongsTo.INSTRUMENT else own]
 
 
-def as_flown(sizes: Sequence[Size], records: Sequence[Record]) -> list[Size]:
+def as_flown(sizes: Sequence[VarianceComponent], records: Sequence[Record]) -> list[VarianceComponent]:
     """Sizes with the spread that good flights, less what is known of the vehicle, have: one step of EM.
 
     The variance is the mean of the expected squares: Dempster, Laird & Rubin 1977, J. Royal Stat. Society B 39, 1.

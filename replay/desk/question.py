@@ -60,7 +60,7 @@ def others(facts: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"{fact['key']} {fact['value']}: {fact['from']}" for fact in facts if fact["key"] not in FIELDS]
 
 
-class Kind(StrEnum):
+class Asked(StrEnum):
     """What is asked, by the name that the form sends."""
 
     MISSING = "missing"
@@ -72,7 +72,7 @@ class Kind(StrEnum):
 class Question:
     """What is asked about the logs of a drop."""
 
-    kind: Kind
+    kind: Asked
     good: tuple[str, ...] = ()
     """Names of logs."""
     numbers: tuple[tuple[str, str], ...] = ()
@@ -84,13 +84,13 @@ class Question:
     def of(cls, form: Sequence[tuple[str, str]], drop: Drop) -> Question:
         """As the form sends it. Raises HTTPException where it makes no sense."""
         given = dict(form)
-        if given.get("kind") not in set(Kind):
-            raise HTTPException(400, f"kind: must be one of {', '.join(Kind)}")
-        kind, logs = Kind(given["kind"]), drop.logs
-        good = tuple(one_of(logs, value).name for key, value in form if key == "good") if kind == Kind.CHANGED else ()
+        if given.get("kind") not in set(Asked):
+            raise HTTPException(400, f"kind: must be one of {', '.join(Asked)}")
+        kind, logs = Asked(given["kind"]), drop.logs
+        good = tuple(one_of(logs, value).name for key, value in form if key == "good") if kind == Asked.CHANGED else ()
         if not logs:
             raise HTTPException(400, "there is no log here: drop one")
-        if kind == Kind.CHANGED and not 0 < len(good) < len(logs):
+        if kind == Asked.CHANGED and not 0 < len(good) < len(logs):
             raise HTTPException(400, "tick the good logs, and leave at least one that is asked about")
         if "edited" in given:
             return cls(kind, good, vehicle=given.get("vehicle", ""))
@@ -112,9 +112,9 @@ class Question:
         if self.vehicle:
             vehicle = [f"--vehicle={place / 'edited.toml'}"]
         logs = [str(log) for log in drop.logs if log.name not in self.good]
-        if self.kind == Kind.SEASON:
+        if self.kind == Asked.SEASON:
             logs = [str(drop.folder / "logs"), f"--out={place / 'each'}", "--workers=1"]
-        elif self.kind == Kind.CHANGED:
+        elif self.kind == Asked.CHANGED:
             logs += ["--since", *(str(log) for log in drop.logs if log.name in self.good)]
         elif not self.vehicle:
             vehicle.append(f"--save-vehicle={place / 'vehicle.toml'}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import reference_thrust
-from replay.search.results import Estimate
+from replay.search.results import IntervalEstimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
@@ -26,7 +26,7 @@ zero}, "shape": {parameter: value}}} of what belongs to one flight."""
 
 
 def amended(
-    model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect], logs: Sequence[Path] = ()
+    model: FanSurrogate | None, vehicle: Vehicle, effects: Sequence[AdoptedEffect], logs: Sequence[Path] = ()
 ) -> FanSurrogate:
     """The model with ``effects`` added to those it has; weather and load start at zero, with their spread.
 
@@ -37,9 +37,8 @@ def amended(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
     base = empty_model(vehicle) if model is None else model
-    found = list(effects)
     new = tuple(
-        replace(e, parameters=get(e.name).of_next_flight(e.parameters)) for e in found if not get(e.name).all_of_day
+        replace(e, parameters=get(e.name).of_next_flight(e.parameters)) for e in effects if not get(e.name).all_of_day
     )
     info: dict[str, Any] = dict(base.info)
     if logs:
@@ -49,7 +48,7 @@ def amended(
         # Its map is in rotor radii.
         info["fan"] = identity(base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m).as_info()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
-    days = {e.name: _day(e, context) for e in found}
+    days = {e.name: _day(e, context) for e in effects}
     of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
     if of_day:
         info[OF_DAY] = of_day
@@ -57,7 +56,7 @@ def amended(
 
 
 def to_adopt(
-    effect: Effect, estimates: Sequence[Estimate], context: Context, without: Sequence[str] = (), *,
+    effect: Effect, estimates: Sequence[IntervalEstimate], context: Context, without: Sequence[str] = (), *,
     one_wind: bool = False,
 ) -> AdoptedEffect:  # fmt: skip
     """What was found, with the sizes that another flight may be predicted by.
@@ -73,8 +72,6 @@ def to_adopt(
     share = 0.5 if one_wind and of_wind else 1.0
     by_name = {e.name: e for e in estimates}
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
-        if c.name not in by_name:
-            continue
         e = by_name[c.name]
         mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
         off = e.value - mean

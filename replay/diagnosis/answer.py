@@ -15,7 +15,7 @@ from replay.diagnosis.words import estimate_text, kept_words
 from replay.flightlog import LogFault
 from replay.numbers import rounded
 from replay.residual.record import Record
-from replay.search.curves import Carrier
+from replay.search.curves import CarryingChannel
 from replay.search.outside import Outside
 from replay.search.results import Found, Searched, corrected_together
 
@@ -32,7 +32,7 @@ WHERE = {"low": "near the ground", "wall": "near the wall", "corner": "in the co
 class Diagnosis(Searched):
     """The answer to one question: what does the declared model lack on these flights?"""
 
-    channels: tuple[Carrier, ...]
+    channels: tuple[CarryingChannel, ...]
     verdict: str
     notes: tuple[str, ...]
     faults: tuple[LogFault, ...] = ()

@@ -9,10 +9,9 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
-from replay.pipeline_options import add_answer_options, add_folder_options
+from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options
 
-_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
-messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
+_EPILOG = f"{EXIT_CODES} How to read the answer: docs/diagnose.md."
 
 
 def add_parser(commands: Any) -> None:

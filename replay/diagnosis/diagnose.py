@@ -16,7 +16,7 @@ from replay.flightlog import FlightLog
 from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
-from replay.search.curves import Carrier
+from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
 from replay.search.results import Found, summarise
 from replay.search.walk import walk
@@ -31,7 +31,6 @@ def diagnose(
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
-    check_model(vehicle, model)
     records, notes = read_records(progress(paths), vehicle, model, target_system)
     return conclude(records, notes)
 
@@ -64,7 +63,11 @@ def conclude(
 def read_records(
     paths: Iterable[Path], vehicle: Vehicle, model: FanSurrogate | None, target_system: int | None
 ) -> tuple[list[Record], list[str]]:
-    """Flights of some logs, and what is to be said of reading them; LogError where none can be judged."""
+    """Flights of some logs, and what is to be said of reading them.
+
+    LogError where none can be judged, ConfigError where the vehicle file lacks what the empty model needs.
+    """
+    check_model(vehicle, model)
     records: list[Record] = []
     notes: list[str] = []
     problems: list[LogError] = []
@@ -104,9 +107,9 @@ def _name(part: FlightLog, log: FlightLog) -> str:
     return f"{log.path.name} (boot {log.boot + 1}{since})"
 
 
-def _channels(traces: Sequence[FlightFit]) -> tuple[Carrier, ...]:
+def _channels(traces: Sequence[FlightFit]) -> tuple[CarryingChannel, ...]:
     """Channels that carry what is left, each where it carries most, in the order of the flights."""
-    best: dict[str, Carrier] = {}
+    best: dict[str, CarryingChannel] = {}
     for c in (c for t in traces for c in t.carriers):
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c

@@ -12,7 +12,7 @@ from models.frames import AXES, Array
 from models.pages.svg import Line, figure, keys
 from replay.diagnosis.answer import UNITS
 from replay.diagnosis.words import AXIS_WORDS, channel_words
-from replay.search.curves import Carrier
+from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
 from replay.search.outside import INDEPENDENT_S
 from replay.search.results import Found
@@ -74,7 +74,7 @@ def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Ar
     return np.array([x[own].mean() for own in full]), mean, error
 
 
-def against(t: FlightFit, carrier: Carrier) -> str:
+def against(t: FlightFit, carrier: CarryingChannel) -> str:
     """The residual before and after against a channel that carries what remains; nothing where it does not vary."""
     x, axis = t.record.channels[carrier.name], AXES.index(carrier.axis)
     good = t.record.valid & np.isfinite(x)

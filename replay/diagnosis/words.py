@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from models.effects import BelongsTo, Effect, InFlight
-from replay.search.results import Estimate
+from replay.search.results import IntervalEstimate
 
 AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
 """Fx Fy Fz Mx My Mz, body FRD."""
@@ -53,7 +53,7 @@ def unit_words(unit: str) -> str:
     return _UNITS.get(unit, unit)
 
 
-def estimate_text(e: Estimate) -> str:
+def estimate_text(e: IntervalEstimate) -> str:
     """``mass = 0.42 [0.38, 0.46] kg``."""
     interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
     unit = "" if e.unit == "1" else f" {e.unit}"

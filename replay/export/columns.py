@@ -33,7 +33,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class LogTable:
     """``columns`` on the union of their stamps ``t_s`` (n,), strictly increasing; NaN where a column has no sample."""
 
     boot: int
@@ -54,11 +54,11 @@ class Table:
         return np.array([None if code != code else column.words[int(code)] for code in out.tolist()], object)
 
 
-def table(log: FlightLog, decisions: Iterable[Column] = ()) -> Table:
+def table(log: FlightLog, decisions: Iterable[Column] = ()) -> LogTable:
     """Everything a boot holds, and what was decided on it."""
     columns = (*recorded(log), *decisions)
     stamps = {id(c.t_s): c.t_s for c in columns}.values()
-    return Table(log.boot, np.unique(np.concatenate([np.empty(0), *stamps])), columns)
+    return LogTable(log.boot, np.unique(np.concatenate([np.empty(0), *stamps])), columns)
 
 
 def recorded(log: FlightLog) -> Iterator[Column]:

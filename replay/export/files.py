@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.frames import Array
-from replay.export.columns import Column, Table
+from replay.export.columns import Column, LogTable
 
 _ROWS = 20_000
 """Rows in memory at a time: 16 MB with 100 columns, six times that as text."""
@@ -20,7 +20,7 @@ _KEYS = (("boot", "1", "start of the vehicle, from 1"), ("time_s", "s", "since t
 """Columns that every row has: name, unit, description."""
 
 
-def write_csv(path: Path, tables: Sequence[Table], columns: Sequence[Column], _: Mapping[str, str]) -> None:
+def write_csv(path: Path, tables: Sequence[LogTable], columns: Sequence[Column], _: Mapping[str, str]) -> None:
     """Names with their units in the first line, empty cells where a column has no sample."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -36,7 +36,7 @@ def _cell(value: float | str | None) -> str:
     return value or ""
 
 
-def write_parquet(path: Path, tables: Sequence[Table], columns: Sequence[Column], about: Mapping[str, str]) -> None:
+def write_parquet(path: Path, tables: Sequence[LogTable], columns: Sequence[Column], about: Mapping[str, str]) -> None:
     """Units and descriptions stand in the metadata of every column (keys ``unit``, ``description``)."""
     import pyarrow as pa
     from pyarrow import parquet
@@ -56,7 +56,7 @@ def write_parquet(path: Path, tables: Sequence[Table], columns: Sequence[Column]
 
 
 def blocks(
-    tables: Iterable[Table], columns: Sequence[Column], rows: int = _ROWS
+    tables: Iterable[LogTable], columns: Sequence[Column], rows: int = _ROWS
 ) -> Iterator[tuple[int, Array, list[NDArray[Any]]]]:
     """Boot, times (n,) and the values (n,) of every column, some rows at a time; NaN, or None for text: no sample."""
     for table in tables:

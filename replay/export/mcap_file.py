@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from replay.export.columns import Column, Table
+from replay.export.columns import Column, LogTable
 from replay.export.files import blocks
 
 _BETWEEN_BOOTS_NS = 10**9
@@ -19,7 +19,7 @@ _ROWS = 2000
 """Rows in memory at a time: 10 MB as messages."""
 
 
-def write_mcap(path: Path, tables: Sequence[Table], columns: Sequence[Column], about: Mapping[str, str]) -> None:
+def write_mcap(path: Path, tables: Sequence[LogTable], columns: Sequence[Column], about: Mapping[str, str]) -> None:
     """A message for every row of a topic that holds a value."""
     from mcap.writer import Writer
 

@@ -18,7 +18,7 @@ _RANGE_HZ, _RPM_HZ = 5.0, 5.0
 """Slower than 5 Hz, a vehicle at 0.5 m/s moves 0.1 m between readings: half of a small ground effect's length."""
 
 
-class Answer(StrEnum):
+class Extent(StrEnum):
     """How well a log answers a question."""
 
     YES = "yes"
@@ -31,96 +31,95 @@ class Ability:
     """One question to a log. ``change`` is empty where the answer is yes."""
 
     question: str
-    answer: Answer
+    answer: Extent
     why: str
     change: str = ""
+
+
+Judged = tuple[Extent, str, str]
+"""How well, why, and what would change it: all of an ``Ability`` but its question."""
 
 
 def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:
     """Every question that a diagnosis or a flight asks of one boot."""
     return (
-        _forces(log),
-        _moments(log),
-        _rotors(log, vehicle),
-        _range(log, "height over ground", "down"),
-        _range(log, "distance to a wall", "forward", "right", "back", "left"),
-        _range(log, "ceiling", "up"),
+        Ability("forces (Fx Fy Fz)", *_forces(log)),
+        Ability("moments (Mx My Mz)", *_moments(log)),
+        Ability("thrust of the rotors", *_rotors(log, vehicle)),
+        Ability("height over ground", *_range(log, "down")),
+        Ability("distance to a wall", *_range(log, "forward", "right", "back", "left")),
+        Ability("ceiling", *_range(log, "up")),
         *_channels(log),
-        _meaning_of_thrust(log),
+        Ability("meaning of thrust", *_meaning_of_thrust(log)),
     )
 
 
-def _forces(log: FlightLog) -> Ability:
-    question = "forces (Fx Fy Fz)"
+def _forces(log: FlightLog) -> Judged:
     if log.attitude is None:
-        return Ability(question, Answer.NO, "no attitude", change_for(log, "attitude"))
+        return Extent.NO, "no attitude", change_for(log, "attitude")
     imu = max(log.imus, key=lambda i: _rate(i.specific_force), default=None)
     rate = 0.0 if imu is None else _rate(imu.specific_force)
     if imu is None or rate < FORCE_RATE_HZ:
         why = f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed" if rate else "no accelerometer"
-        return Ability(question, Answer.NO, why, change_for(log, "imu"))
+        return Extent.NO, why, change_for(log, "imu")
     if imu.clipped:
         why = f"the accelerometer clipped {imu.clipped} times: its mean cannot be trusted"
-        return Ability(question, Answer.PARTLY, why, "damp the autopilot's mount; balance the propellers")
+        return Extent.PARTLY, why, "damp the autopilot's mount; balance the propellers"
     if rate < _GOOD_IMU_HZ:
         why = f"accelerometer at {rate:.1f} Hz: slow changes only"
-        return Ability(question, Answer.PARTLY, why, change_for(log, "imu"))
-    return Ability(question, Answer.YES, f"accelerometer at {rate:.0f} Hz")
+        return Extent.PARTLY, why, change_for(log, "imu")
+    return Extent.YES, f"accelerometer at {rate:.0f} Hz", ""
 
 
-def _moments(log: FlightLog) -> Ability:
-    question = "moments (Mx My Mz)"
+def _moments(log: FlightLog) -> Judged:
     rates = [_rate(i.gyro) for i in log.imus] + [_rate(log.rates)]
     rate = max(rates)
     if rate < MOMENT_RATE_HZ:
         why = f"angular rates at {rate:.1f} Hz; {MOMENT_RATE_HZ:.0f} Hz are needed" if rate else "no angular rates"
-        return Ability(question, Answer.NO, why, change_for(log, "imu"))
-    return Ability(question, Answer.YES, f"angular rates at {rate:.0f} Hz")
+        return Extent.NO, why, change_for(log, "imu")
+    return Extent.YES, f"angular rates at {rate:.0f} Hz", ""
 
 
 def _rate(series: Series | None) -> float:
     return series.rate_hz if series is not None and len(series) > 1 else 0.0
 
 
-def _rotors(log: FlightLog, vehicle: Vehicle) -> Ability:
-    question = "thrust of the rotors"
+def _rotors(log: FlightLog, vehicle: Vehicle) -> Judged:
     speeds = {number: _rate(esc.rpm) for number, esc in log.escs.items() if esc.rpm is not None}
     wanted = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
     if wanted and all(n in speeds for n in wanted):
         slowest = min(speeds[n] for n in wanted)
         why = f"speeds of ESC {', '.join(map(str, wanted))} at {slowest:.0f} Hz"
         if slowest < _RPM_HZ:
-            return Ability(question, Answer.PARTLY, why + ": slow", change_for(log, "rpm"))
-        return Ability(question, Answer.YES, why)
+            return Extent.PARTLY, why + ": slow", change_for(log, "rpm")
+        return Extent.YES, why, ""
     if not wanted and log.servo is not None:
-        return Ability(question, Answer.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]")
+        return Extent.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]", ""
     lacking = [n for n in wanted if n not in speeds]
     why = f"no speed of ESC {', '.join(map(str, lacking))}" if wanted else "no servo outputs"
     if wanted and log.servo is not None:
         why += "; servo outputs are there"
-        return Ability(
-            question, Answer.PARTLY, why,
-            f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)",
-        )  # fmt: skip
+        change = f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)"
+        return Extent.PARTLY, why, change
     outputs = change_for(log, "servo")
     change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {outputs}" if wanted else outputs
-    return Ability(question, Answer.NO, why, change)
+    return Extent.NO, why, change
 
 
-def _range(log: FlightLog, question: str, *directions: str) -> Ability:
+def _range(log: FlightLog, *directions: str) -> Judged:
     """Of the directions that look at a surface the one with most good readings."""
     seen = {direction: beam for direction in directions if (beam := log.beam(direction)) is not None}
     if not seen:
         why = f"no rangefinder looks {' or '.join(directions)}"
-        return Ability(question, Answer.NO, why, change_for(log, "range"))
+        return Extent.NO, why, change_for(log, "range")
     direction, beam = max(seen.items(), key=lambda item: len(item[1].good))
     rate, share = _rate(beam.distance), beam.share_good
     why = f"{beam.source} {direction} at {rate:.0f} Hz, {share:.0%} of the readings good"
     if not len(beam.good):
-        return Ability(question, Answer.NO, why, "nothing, if nothing was in reach; else check the sensor's limits")
+        return Extent.NO, why, "nothing, if nothing was in reach; else check the sensor's limits"
     if rate < _RANGE_HZ:
-        return Ability(question, Answer.PARTLY, why, change_for(log, "range"))
-    return Ability(question, Answer.YES, why)
+        return Extent.PARTLY, why, change_for(log, "range")
+    return Extent.YES, why, ""
 
 
 def _channels(log: FlightLog) -> Iterator[Ability]:
@@ -134,20 +133,20 @@ def _channels(log: FlightLog) -> Iterator[Ability]:
         ("hover thrust", log.thrust_command is not None, "thrust", "thrust command in the log"),
     ):
         if there:
-            yield Ability(question, Answer.YES, there_text)
+            yield Ability(question, Extent.YES, there_text)
         else:
-            yield Ability(question, Answer.NO, "not in the log", change_for(log, quantity))
+            yield Ability(question, Extent.NO, "not in the log", change_for(log, quantity))
 
 
-def _meaning_of_thrust(log: FlightLog) -> Ability:
-    question, name = "meaning of thrust", "GUID_OPTIONS"
+def _meaning_of_thrust(log: FlightLog) -> Judged:
+    name = "GUID_OPTIONS"
     if log.autopilot == ARDUPILOT and name not in log.parameters:
         why = f"{name} is not among the {len(log.parameters)} parameters in the log"
         change = f"{change_for(log, 'parameters')}; replay run --param {name}=8 takes it as given"
-        return Ability(question, Answer.NO, why, change)
+        return Extent.NO, why, change
     if log.autopilot == ARDUPILOT and not int(log.parameters[name]) & 8:
         why = f"{name} is {log.parameters[name]:g}: thrust is a climb rate"
-        return Ability(question, Answer.NO, why, f"{name} with bit 3 (value 8)")
+        return Extent.NO, why, f"{name} with bit 3 (value 8)"
     if not log.parameters:
-        return Ability(question, Answer.NO, "no parameters in the log", change_for(log, "parameters"))
-    return Ability(question, Answer.YES, f"{len(log.parameters)} parameters in the log")
+        return Extent.NO, "no parameters in the log", change_for(log, "parameters")
+    return Extent.YES, f"{len(log.parameters)} parameters in the log", ""

@@ -13,13 +13,13 @@ from companion.mavlink.samples import Heartbeat
 from models.errors import LogError
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Interval
-from replay.info.abilities import Ability, Answer, abilities
+from replay.info.abilities import Ability, Extent, abilities
 from replay.info.contents import Stream, streams
 from replay.logs.formats import load
 from replay.numbers import rounded
 from replay.rerun.report import run
 
-_BEST = (Answer.YES, Answer.PARTLY, Answer.NO)
+_BEST = (Extent.YES, Extent.PARTLY, Extent.NO)
 _STACKS: dict[int | None, str] = {None: "unknown", **{stack.value: stack.name.lower() for stack in Stack}}
 _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
@@ -67,7 +67,7 @@ class LogInfo:
         duration_s, air_s = sum(b.duration_s for b in self.boots), sum(b.air_s for b in self.boots)
         of_boots = zip(*(b.judges for b in self.boots), strict=True)
         best = [min(same, key=lambda a: _BEST.index(a.answer)) for same in of_boots]
-        can = [f"{a.question}{' in part' if a.answer is Answer.PARTLY else ''}" for a in best if a.answer != Answer.NO]
+        can = [f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}" for a in best if a.answer != Extent.NO]
         frame = self.vehicle.partition(", drafted")[0]
         said = f"{Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
         return f"{said}; can be judged: {', '.join(can) or 'nothing'}"
@@ -152,6 +152,6 @@ def _boot_text(boot: BootInfo) -> list[str]:
     out.append("  can be judged")
     for a in boot.judges:
         out.append(f"  {a.answer.value:<6} {a.question}: {a.why}")
-        if a.answer is not Answer.YES:
+        if a.answer is not Extent.YES:
             out.append(f"         to change it: {a.change}")
     return [*out, *(f"  note: {note}" for note in boot.notes)]

@@ -52,15 +52,11 @@ _TLOG_PX4 = {
 }
 _ULG = {
     **_TLOG_PX4,
-    "imu": "SDLOG_PROFILE with bit 0 (default)",
-    "attitude": "SDLOG_PROFILE with bit 0 (default)",
+    **dict.fromkeys(("imu", "attitude", "servo", "pressure", "thrust"), "SDLOG_PROFILE with bit 0 (default)"),
     "position": "a position estimate (GPS, flow or vision)",
     "range": "the sensor's own SENS_EN_… or SENS_…_CFG and its rotation parameter",
     "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), and MOT_POLE_COUNT",
-    "servo": "SDLOG_PROFILE with bit 0 (default)",
-    "pressure": "SDLOG_PROFILE with bit 0 (default)",
     "temperature": "ESCs that report it: DSHOT_TEL_CFG",
-    "thrust": "SDLOG_PROFILE with bit 0 (default)",
     "parameters": "nothing: PX4 writes them at the start of a log; was the file cut?",
 }
 

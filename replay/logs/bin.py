@@ -43,7 +43,7 @@ _TEXT = ("S", "V")
 
 
 @dataclass(frozen=True, eq=False)
-class Kind:
+class MessageFormat:
     """One declared message: its type, its name, its bytes, and its fields with what they are divided by."""
 
     number: int
@@ -61,7 +61,7 @@ class Kind:
 
 
 @functools.cache
-def _declared(message: bytes) -> Kind:
+def _declared(message: bytes) -> MessageFormat:
     """What a FMT message declares; the same bytes declare the same."""
     declared = np.frombuffer(message, _FMT_TYPE)[0]
     name, formats, columns = (declared[k].decode("ascii", "replace") for k in ("name", "format", "columns"))
@@ -69,7 +69,7 @@ def _declared(message: bytes) -> Kind:
     length = int(declared["length"])
     known = all(c in FORMAT_TO_STRUCT for _, c in pairs) and len({f for f, _ in pairs}) == len(pairs)
     dtype = np.dtype([("head", "V3"), *((f, _numpy(c)) for f, c in pairs)]) if known else None
-    return Kind(
+    return MessageFormat(
         int(declared["type"]),
         name,
         length,
@@ -93,7 +93,7 @@ class Dataflash:
     boot: int
     data: bytes
     """All of the file."""
-    places: Mapping[Kind, array[int]]
+    places: Mapping[MessageFormat, array[int]]
     """Offsets of the messages of every declaration."""
     notes: Sequence[str]
     """What was skipped."""
@@ -123,7 +123,7 @@ class Dataflash:
                 out |= {name: float(value) for name, value in pairs if math.isfinite(value)}
         return out
 
-    def _records(self, *names: str) -> Iterator[tuple[Kind, NDArray[np.int64], NDArray[Any]]]:
+    def _records(self, *names: str) -> Iterator[tuple[MessageFormat, NDArray[np.int64], NDArray[Any]]]:
         """Of every declaration of these names: offsets (n,) of its messages, and their fields (n,)."""
         data = np.frombuffer(self.data, np.uint8)
         for kind, places in self.places.items():
@@ -132,7 +132,7 @@ class Dataflash:
                 raw = np.ascontiguousarray(sliding_window_view(data, kind.length)[offsets])
                 yield kind, offsets, raw.view(kind.dtype).reshape(-1)
 
-    def _messages(self, kind: Kind, offsets: NDArray[np.int64], content: NDArray[Any]) -> Messages:
+    def _messages(self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]) -> Messages:
         """Numbers as they are meant; text is left out."""
         numbers = {
             name: content[name] / kind.divisors[name] if name in kind.divisors else content[name]
@@ -141,7 +141,7 @@ class Dataflash:
         }
         return Messages(kind.name, believable(self._times(kind, offsets, content)), numbers)
 
-    def _times(self, kind: Kind, offsets: NDArray[np.int64], content: NDArray[Any]) -> Array:
+    def _times(self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]) -> Array:
         """Boot times [s] (n,); a message without a stamp is as old as the message before it."""
         if kind.stamp:
             return _stamps(kind, content)
@@ -166,12 +166,12 @@ def read_boots(path: Path) -> list[Dataflash]:
     return [Dataflash(path, number, data, found, notes) for number, found in enumerate(boots)]
 
 
-def _walk(data: bytes) -> tuple[list[dict[Kind, array[int]]], int, int]:
+def _walk(data: bytes) -> tuple[list[dict[MessageFormat, array[int]]], int, int]:
     """Of every boot the offsets of its messages; bytes between messages; where a last message begins that is not
     complete. Messages keep the declaration before them; a log begins where FMT declares itself."""
-    kinds: list[Kind | None] = [None] * 256
-    kinds[_FMT] = fmt = Kind(_FMT, "FMT", _FMT_TYPE.itemsize, _FMT_TYPE, {})
-    boot: dict[Kind, array[int]] = {}
+    kinds: list[MessageFormat | None] = [None] * 256
+    kinds[_FMT] = fmt = MessageFormat(_FMT, "FMT", _FMT_TYPE.itemsize, _FMT_TYPE, {})
+    boot: dict[MessageFormat, array[int]] = {}
     boots = [boot]
     n, i, skipped = len(data), 0, 0
     while i + 3 <= n:
@@ -197,7 +197,7 @@ def _walk(data: bytes) -> tuple[list[dict[Kind, array[int]]], int, int]:
     return [found for found in boots if found], skipped, i
 
 
-def _next(data: bytes, i: int, kinds: Sequence[Kind | None]) -> int:
+def _next(data: bytes, i: int, kinds: Sequence[MessageFormat | None]) -> int:
     """Place of the next first bytes of a declared message, or the end."""
     while (i := data.find(_HEAD, i)) >= 0 and i + 2 < len(data):
         if kinds[data[i + 2]] is not None:
@@ -206,7 +206,7 @@ def _next(data: bytes, i: int, kinds: Sequence[Kind | None]) -> int:
     return len(data)
 
 
-def _stamps(kind: Kind, content: NDArray[Any]) -> Array:
+def _stamps(kind: MessageFormat, content: NDArray[Any]) -> Array:
     """Times [s] (n,) of a kind that has such."""
     return np.asarray(content[kind.stamp], float) / (1e6 if kind.stamp == "TimeUS" else 1e3)
 

@@ -54,8 +54,7 @@ class Envelope:
     def offset_us(self, arrival_us: Micros) -> Micros:
         """Offset of the clocks at these arrivals, shape (n,)."""
         fine = np.interp(arrival_us, self._at, (self._smallest - self._origin).astype(float))
-        out: Micros = self._origin + np.rint(fine).astype(np.int64)
-        return out
+        return np.asarray(self._origin + np.rint(fine).astype(np.int64))
 
 
 def boots(log: Tlog, system: int) -> Iterator[tuple[Tlog, BootAxis]]:

@@ -180,5 +180,4 @@ def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:
     near = np.unique(np.clip(odd[:, None] + np.arange(-2, 4), 0, n - 1))
     padded = np.pad(values, 2, mode="reflect")
     median = np.median(sliding_window_view(padded, 5)[near], axis=1)
-    out: NDArray[np.int64] = near[np.abs(values[near] - median) > tolerance]
-    return out
+    return np.asarray(near[np.abs(values[near] - median) > tolerance])

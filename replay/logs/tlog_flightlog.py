@@ -21,7 +21,7 @@ from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, 
 from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import AUTOPILOT, Tlog, read_tlog
-from replay.logs.tlog_vehicle import Choice, choose, parameters
+from replay.logs.tlog_vehicle import VehicleChoice, choose, parameters
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _WIRE_STEP = 1.0 / PER_SI["mG"]
@@ -48,7 +48,7 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
 class _Boot:
     """Builds one FlightLog."""
 
-    def __init__(self, log: Tlog, choice: Choice, axis: BootAxis) -> None:
+    def __init__(self, log: Tlog, choice: VehicleChoice, axis: BootAxis) -> None:
         self._log, self._choice, self._axis = log, choice, axis
         self._notes = [*log.report.notes(), *choice.notes()]
 

@@ -23,7 +23,7 @@ _SERVO_COUNT = 8
 
 
 @dataclass(frozen=True)
-class Choice:
+class VehicleChoice:
     """The vehicle that a log is read for, and whether it was chosen among several."""
 
     system: int
@@ -47,7 +47,7 @@ class Choice:
         return out
 
 
-def choose(log: Tlog, target: int | None = None) -> Choice:
+def choose(log: Tlog, target: int | None = None) -> VehicleChoice:
     """The vehicle to read: ``target``, or of those that fly (of all, where none does) the one with most motion data.
 
     A vehicle is a system whose component 1 sends HEARTBEAT with an autopilot; without any, one that sends attitudes.
@@ -66,10 +66,10 @@ def choose(log: Tlog, target: int | None = None) -> Choice:
     flying = {s: len(vehicles) == 1 or (s in armed and _rotors_turned(log, s)) for s in vehicles}
     ranked = sorted(vehicles, key=lambda s: (-flying[s], -motion[s], s))
     if target is None:
-        return Choice(ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat)
+        return VehicleChoice(ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat)
     if target not in ranked:
         raise LogError(f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}")
-    return Choice(target, heartbeat=heartbeat)
+    return VehicleChoice(target, heartbeat=heartbeat)
 
 
 def _rotors_turned(log: Tlog, system: int) -> bool:

@@ -8,16 +8,13 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
-from replay.pipeline_options import add_answer_options
-
-_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
-messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
+from replay.pipeline_options import EXIT_CODES, add_answer_options
 
 
 def add_parser(commands: Any) -> None:
     """Register ``predict`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "predict", help="the error of a model on flights that it was not made from", epilog=_EPILOG,
+        "predict", help="the error of a model on flights that it was not made from", epilog=EXIT_CODES,
         description="Measured minus modelled wrench of flights that a model was not made from, with and without its "
         "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
     )  # fmt: skip

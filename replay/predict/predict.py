@@ -19,7 +19,7 @@ from replay.diagnosis.diagnose import read_records
 from replay.numbers import rounded
 from replay.predict.day import LEARNING_S, Day, learn_day, learning_time
 from replay.residual.grid import Mask
-from replay.residual.record import Record, check_model
+from replay.residual.record import Record
 from replay.search.regimes import regimes
 
 LEAST_S = 4.0
@@ -125,7 +125,6 @@ def predict(
 
     Without ``frozen`` the first ``LEARNING_S`` of each flight say what belongs to its day, and the rest is judged.
     """
-    check_model(vehicle, model)
     logs = list(dict.fromkeys(paths))
     notes = [] if len(logs) == len(paths) else ["a log that was given twice is judged once"]
     records, said = read_records(progress(logs), vehicle, model, target_system)

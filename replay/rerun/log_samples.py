@@ -131,6 +131,5 @@ def _targets(log: FlightLog, head: Head) -> Iterator[Sample]:
 
 
 def _commands(log: FlightLog, head: Head) -> Iterator[Sample]:
-    nan = float("nan")
     for t, (w, x, y, z, thrust) in _rows(log.commands):
-        yield SetAttitudeTarget(t, 255, 190, 7, (w, x, y, z), (nan, nan, nan), thrust, *head)
+        yield SetAttitudeTarget(t, 255, 190, 7, (w, x, y, z), (np.nan, np.nan, np.nan), thrust, *head)

@@ -13,7 +13,7 @@ from models.effects import Context
 from replay.flightlog import Beam, FlightLog, LogFault
 from replay.residual import motion_faults, rotor_faults, vehicle_faults
 from replay.residual.grid import Mask
-from replay.residual.motion import ENOUGH_S, Motion
+from replay.residual.motion import ENOUGH_S, Trajectory
 
 FOLLOWS_AGAIN_S = 0.3
 """So long after full command [s] thrust follows the outputs again: the slowest motor lag of small vehicles."""
@@ -35,7 +35,7 @@ class Doubts:
     """Axes that are not judged, but on which something acts all the same."""
 
 
-def doubted(log: FlightLog, ctx: Context, motion: Motion, flying: Mask, axes: list[int]) -> Doubts:
+def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes: list[int]) -> Doubts:
     """Doubt the log before anything is fitted. ``flying`` (n,): airborne samples of the grid."""
     faults: list[LogFault] = []
     usable, blind = set(axes), set[int]()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +19,10 @@ KNOWN_SHARE = 0.4
 
 
 class Grid:
-    """Raw samples on a uniform clock, and the smoother that every signal goes through."""
+    """Raw samples on a uniform clock, and the smoother that every signal goes through.
+
+    ``every``: of so many samples one is kept, so that a record has ``RATE_HZ``.
+    """
 
     def __init__(self, start: float, end: float, rate: float, cut_off_hz: float) -> None:
         self.rate = rate
@@ -43,10 +44,6 @@ class Grid:
             with np.errstate(invalid="ignore", divide="ignore"):
                 out[:, k] = np.where(weight > KNOWN_SHARE, total / weight, np.nan)[:: self.every]
         return out.reshape(-1, *x.shape[1:])
-
-    def pick(self, x: Any) -> Any:
-        """Every n-th sample, unsmoothed."""
-        return x[:: self.every]
 
 
 def rate_of_change(x: Array, rate_hz: float) -> Array:

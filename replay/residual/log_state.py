@@ -11,10 +11,10 @@ from models.air_state import DIRECTIONS, AirState, blank_state
 from models.errors import LogError
 from models.frames import Array
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog, Series
+from replay.flightlog import FlightLog
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
-from replay.residual.motion import Motion
+from replay.residual.motion import Trajectory, sampled
 
 DISTANCES = ("ranges_m", "h_m", "d_m", "second_d_m", "ceiling_m")
 """Columns of ``AirState`` that are infinite where nothing is seen."""
@@ -22,13 +22,6 @@ _ALONE = (
     "thrust_command", "battery_voltage_v", "battery_current_a", "esc_temperature_c", "pressure_pa", "air_temperature_c",
 )  # fmt: skip
 """Columns that are channels by the same name."""
-
-
-def column(series: Series | None, column: int, t: Array, gap_s: float = 3.0) -> Array:
-    """One column of a series at the times ``t`` (n,); NaN where it is absent or further than ``gap_s`` away."""
-    if series is None or column >= series.values.shape[1]:
-        return np.full(len(t), np.nan)
-    return series.at(t, gap_s)[:, column]
 
 
 def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> dict[str, Array]:
@@ -47,7 +40,7 @@ def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> 
     return {"rpm": rpm, "servo_us": servo}
 
 
-def raw_state(log: FlightLog, vehicle: Vehicle, motion: Motion) -> AirState:
+def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
     """The flight at the raw rate (n rows), without distances. LogError where rotor speeds or outputs are missing."""
     t = motion.grid.t
     if vehicle.telemetered:
@@ -65,6 +58,7 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Motion) -> AirState:
         [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
         for escs in (own, log.escs.values())
     )
+    battery, pressure = (sampled(series, 2, t, 10.0) for series in (log.battery, log.pressure))
     return replace(
         blank_state((len(t),), len(vehicle.fans), len(vehicle.rotors)),
         time_s=t,
@@ -73,12 +67,12 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Motion) -> AirState:
         rotation=motion.rotation,
         rates=motion.gyro,
         specific_force=motion.force,
-        thrust_command=column(log.thrust_command, 0, t, 1.0),
-        battery_voltage_v=column(log.battery, 0, t, 10.0),
-        battery_current_a=column(log.battery, 1, t, 10.0),
+        thrust_command=sampled(log.thrust_command, 1, t, 1.0)[:, 0],
+        battery_voltage_v=battery[:, 0],
+        battery_current_a=battery[:, 1],
         esc_temperature_c=np.mean(temperatures or others or [np.full(len(t), np.nan)], axis=0),
-        pressure_pa=column(log.pressure, 0, t, 10.0),
-        air_temperature_c=column(log.pressure, 1, t, 10.0),
+        pressure_pa=pressure[:, 0],
+        air_temperature_c=pressure[:, 1],
         **rotor_columns(log, vehicle, t, 0.0),
     )
 
@@ -96,10 +90,10 @@ def decimated(state: AirState, grid: Grid) -> AirState:
 
     def at_rate(name: str, x: Array) -> Array:
         if name == "time_s" or name.endswith("_bearing_rad"):
-            return np.asarray(grid.pick(x))
+            return x[:: grid.every]
         if name not in DISTANCES:
             return grid.smooth(x)
-        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), grid.pick(x)
+        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), x[:: grid.every]
         return np.asarray(np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked))
 
     return AirState(**{f.name: at_rate(f.name, getattr(state, f.name)) for f in fields(state)})

@@ -28,7 +28,7 @@ ENOUGH_S = 8.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class Trajectory:
     """What the log says of the motion at the ``n`` times ``grid.t``; NaN where it says nothing.
 
     ``force`` (n, 3) specific force [m/s^2] and ``gyro`` (n, 3) [rad/s], body FRD; ``rotation`` (n, 3, 3) body to world;
@@ -51,11 +51,10 @@ class Motion:
             return np.full_like(self.force, np.nan)
         accel = rate_of_change(self.velocity, self.grid.rate)
         accel[:, 2] -= GRAVITY
-        out: Array = self.force - np.einsum("nji,nj->ni", self.rotation, accel)
-        return out
+        return np.asarray(self.force - np.einsum("nji,nj->ni", self.rotation, accel))
 
 
-def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
+def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     """The motion over the time with IMU and attitude. Raises LogError in one line where one is missing or too slow."""
     if not log.imus:
         raise LogError(
@@ -78,14 +77,14 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
     # A quarter of the rate is carried by linear interpolation; rotor speeds are no better known than they are sent.
     grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0, rotor_rate_hz(log, vehicle) / 4.0))
     gyro = imu.gyro if len(imu.gyro) and np.isfinite(imu.gyro.values).any() else log.rates
-    return Motion(
+    return Trajectory(
         grid,
         imu.specific_force.at(grid.t, MAX_GAP_S),
-        _columns(gyro, grid.t, MAX_GAP_S),
+        sampled(gyro, 3, grid.t, MAX_GAP_S),
         0.0 if gyro is None else gyro.rate_hz,
         rotation_from_quaternion(_unit(log.attitude.at(grid.t, MAX_GAP_S))),
-        _columns(log.position, grid.t, POSITION_GAP_S),
-        _columns(log.velocity, grid.t, POSITION_GAP_S),
+        sampled(log.position, 3, grid.t, POSITION_GAP_S),
+        sampled(log.velocity, 3, grid.t, POSITION_GAP_S),
         log.attitude.rate_hz,
     )
 
@@ -98,7 +97,7 @@ def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
     return log.servo.rate_hz if log.servo is not None else np.inf
 
 
-def judged_axes(motion: Motion, vehicle: Vehicle) -> tuple[list[int], list[str]]:
+def judged_axes(motion: Trajectory, vehicle: Vehicle) -> tuple[list[int], list[str]]:
     """Axes of the wrench that log and vehicle file can judge, and a note where it is not all six."""
     if "position_m" in vehicle.assumed:
         return [0, 1, 2], ["where the rotors are is assumed: forces only"]
@@ -108,11 +107,11 @@ def judged_axes(motion: Motion, vehicle: Vehicle) -> tuple[list[int], list[str]]
     return list(range(6)), []
 
 
-def _columns(series: Series | None, t: Array, gap_s: float) -> Array:
-    return np.full((len(t), 3), np.nan) if series is None else series.at(t, gap_s)
+def sampled(series: Series | None, width: int, t: Array, gap_s: float) -> Array:
+    """A series of ``width`` columns at the times ``t``, (n, width); NaN where it is absent or ``gap_s`` away."""
+    return np.full((len(t), width), np.nan) if series is None else series.at(t, gap_s)
 
 
 def _unit(q: Array) -> Array:
     with np.errstate(invalid="ignore"):
-        unit: Array = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return unit
+        return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))

@@ -7,7 +7,7 @@ import numpy as np
 from models.frames import Array
 from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change, running_mean
-from replay.residual.motion import Motion
+from replay.residual.motion import Trajectory
 
 FEWEST_SAMPLES = 100
 """Airborne samples from which on two sensors are compared."""
@@ -32,7 +32,7 @@ the log, from which on it is the end of the flight rather than a flip."""
 DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is computed from the velocity, not measured")
 
 
-def gyro_faults(motion: Motion, flying: Mask) -> list[LogFault]:
+def gyro_faults(motion: Trajectory, flying: Mask) -> list[LogFault]:
     """Gyro axes that do not turn as the attitude does."""
     rate = motion.grid.rate
     skew = np.einsum("nji,njk->nik", motion.rotation, rate_of_change(motion.rotation, rate))
@@ -51,7 +51,7 @@ def gyro_faults(motion: Motion, flying: Mask) -> list[LogFault]:
     return out
 
 
-def accelerometer_faults(motion: Motion, flying: Mask) -> list[tuple[int, LogFault]]:
+def accelerometer_faults(motion: Trajectory, flying: Mask) -> list[tuple[int, LogFault]]:
     """Axes of the accelerometer that do not follow the rate of the velocity, seen in the attitude's body frame."""
     rate = motion.grid.rate
     implied = motion.force - motion.kinematic_bias
@@ -82,7 +82,7 @@ def _usual(x: Array) -> float:
     return float(high - low) / 2.0
 
 
-def derived_accelerometer(motion: Motion, flying: Mask) -> bool:
+def derived_accelerometer(motion: Trajectory, flying: Mask) -> bool:
     """Whether the specific force is a derivative of the logged velocity.
 
     Two derivatives of one velocity differ by how they smooth it, so that their difference averages out as one over the
@@ -104,7 +104,7 @@ def _spread(x: Array, flying: Mask, seconds: float, rate: float) -> Array:
     return np.array([float(np.nanstd(running_mean(x[:, axis], half)[whole])) for axis in range(3)])
 
 
-def first_upside_down(motion: Motion) -> int | None:
+def first_upside_down(motion: Trajectory) -> int | None:
     """First sample of the end of a log that ends upside down."""
     with np.errstate(invalid="ignore"):
         over = motion.rotation[:, 2, 2] < UPSIDE_DOWN

@@ -21,7 +21,7 @@ from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
-from replay.residual.motion import ENOUGH_S, SHORTEST_S, Motion, judged_axes, read_motion
+from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
 from replay.residual.validity import Excluded, judged_time
 
@@ -94,7 +94,7 @@ def build_record(
     kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
     derived = derived_accelerometer(motion, time.valid)
     small = decimated(state, grid)
-    valid = np.isfinite(residual).all(axis=1) & grid.pick(time.valid)
+    valid = np.isfinite(residual).all(axis=1) & time.valid[:: grid.every]
     flown = small.time_s[valid]
     rotors = delays[0]
     record = Record(
@@ -127,7 +127,7 @@ def build_record(
 
 
 def _on_one_clock(
-    log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None, motion: Motion
+    log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None, motion: Trajectory
 ) -> tuple[AirState, tuple[Delay, ...]]:
     """The flight at the raw rate with the delays of rotor speeds and ranges taken out, and those delays, rotors first.
 

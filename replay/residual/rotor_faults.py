@@ -8,7 +8,7 @@ from models.effects import Context
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, LogFault
 from replay.residual.grid import Mask
-from replay.residual.motion import Motion, rotor_rate_hz
+from replay.residual.motion import Trajectory, rotor_rate_hz
 
 FEWEST_SAMPLES = 50
 """Airborne samples from which on rotors are compared."""
@@ -94,7 +94,7 @@ def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
     return [LogFault(_channel(vehicle, 0), f"comes at {rate:.1f} Hz: too slow for moments")]
 
 
-def copies(log: FlightLog, ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
     """All outputs, or all speeds of a vehicle that turns, are one number: no moment can be modelled."""
     vehicle = ctx.vehicle
     if vehicle.telemetered:

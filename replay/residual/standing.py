@@ -11,7 +11,7 @@ import numpy as np
 from models.effects import Context
 from models.frames import Array
 from replay.residual.grid import Mask, band, rate_of_change, running_mean
-from replay.residual.motion import Motion
+from replay.residual.motion import Trajectory
 
 ROTORS_OFF_SHARE = 0.1
 """Modelled lift over weight below which the rotors are off, or idle."""
@@ -32,7 +32,7 @@ UNANSWERED, STILL = 0.2, 0.01
 size over the weight (times the lever) that it may have: a file of another vehicle models too much, not a standstill."""
 
 
-def standing(ctx: Context, motion: Motion, rotor_hz: float) -> Mask:
+def standing(ctx: Context, motion: Trajectory, rotor_hz: float) -> Mask:
     """Samples (n,) on the ground. ``rotor_hz``: rate of rotor speeds, or of outputs where they declare the thrust."""
     grid = motion.grid
     lift = ctx.thrust.sum(axis=1)
@@ -51,7 +51,7 @@ def standing(ctx: Context, motion: Motion, rotor_hz: float) -> Mask:
         return np.asarray((running_mean(height, int(FAST_S * grid.rate)) < level + margin) | held)
 
 
-def _unanswered(ctx: Context, motion: Motion, lift: Array) -> Mask:
+def _unanswered(ctx: Context, motion: Trajectory, lift: Array) -> Mask:
     """Samples (n,) around which lift and moments vary and neither the accelerometer nor the gyro follows."""
     vehicle, rate = ctx.vehicle, motion.grid.rate
     unit = ctx.weight * ctx.lever

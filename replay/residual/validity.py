@@ -11,7 +11,7 @@ from models.effects import Context
 from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
-from replay.residual.motion import Motion, rotor_rate_hz
+from replay.residual.motion import Trajectory, rotor_rate_hz
 from replay.residual.standing import ROTORS_OFF_SHARE, standing
 
 AIRBORNE_SHARE = 0.5
@@ -58,7 +58,7 @@ class JudgedTime:
         return replace(self, valid=self.valid & ~bad, excluded=self.excluded + new)
 
 
-def judged_time(log: FlightLog, ctx: Context, motion: Motion, modelled: Array) -> JudgedTime:
+def judged_time(log: FlightLog, ctx: Context, motion: Trajectory, modelled: Array) -> JudgedTime:
     """The time of flight with all that is needed; ``modelled`` (n, 6) wrench."""
     state, grid, force = ctx.state, motion.grid, motion.force
     heights = np.where(np.isfinite(state.h_m), state.h_m, np.inf)
@@ -88,7 +88,7 @@ def _incomplete(x: Array) -> Mask:
     return np.asarray(~np.isfinite(x.reshape(len(x), -1)).all(axis=1))
 
 
-def _flying(log: FlightLog, ctx: Context, motion: Motion) -> Mask:
+def _flying(log: FlightLog, ctx: Context, motion: Trajectory) -> Mask:
     """Samples (n,) with lift, armed, and not on the ground, by the autopilot or by what the rotors do not move."""
     grid = motion.grid
     t, lift = grid.t, ctx.thrust.sum(axis=1)

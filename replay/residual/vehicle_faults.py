@@ -11,10 +11,10 @@ from models.frames import Array
 from models.lift_ratio import JUDGED
 from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change
-from replay.residual.motion import Motion
+from replay.residual.motion import Trajectory
 
 FEWEST_SAMPLES = 50
-"""Airborne samples for that."""
+"""Airborne samples from which on the lift is compared."""
 FEWEST_COMMON = 200
 """Common samples from which on a correlation counts."""
 BAND_S = (0.05, 0.5)
@@ -48,7 +48,7 @@ def wrong_lift(ctx: Context, flying: Mask) -> list[LogFault]:
     return [LogFault("vehicle file" if ctx.model is None else "model", what)]
 
 
-def exchanged_fans(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+def exchanged_fans(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
     """Another order of the fans explains roll and pitch, and the declared one does not."""
     if len(ctx.vehicle.fans) < 3 or not flying.any():
         return []
@@ -74,7 +74,7 @@ def exchanged_fans(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]
     return [LogFault("vehicle file", what)]
 
 
-def exchanged_spins(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+def exchanged_spins(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
     """Rotor torques that oppose the angular acceleration about the vertical."""
     moment = ctx.rotor_moment[:, 2]
     if not flying.any() or not float(np.nanstd(moment[flying])) > EXCITED * ctx.weight * ctx.lever:

@@ -18,7 +18,7 @@ def hundredths(context: Context) -> Array:
     return 0.01 * context.weight * np.where(np.arange(6) < 3, 1.0, context.lever)
 
 
-class Channel:
+class ResidualChannel:
     """One axis of one flight: ``rows`` (1 + k, n), the residual and then the columns, all 0 where not valid.
 
     ``run`` (n,): valid samples directly before, -1 where not valid. ``limit``: one hundredth of the weight (times the
@@ -60,7 +60,7 @@ class Whitened:
     Their inner products, X^T W X and X^T W y, are all that the likelihood needs to know of a flight.
     """
 
-    def __init__(self, channel: Channel, spectrum: Spectrum) -> None:
+    def __init__(self, channel: ResidualChannel, spectrum: Spectrum) -> None:
         self.channel, self._spectrum = channel, spectrum
         self._rows = np.empty((0, len(channel.run)))
         self._gram = np.zeros((1, 1))

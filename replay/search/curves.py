@@ -16,11 +16,8 @@ LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
 AMPLITUDE = 3.0
 """Prior standard deviation of a curve, in hundredths of the weight."""
-SAME_SENSOR = {
-    "ax_m_s2": ("Fx",), "ay_m_s2": ("Fy",), "az_m_s2": ("Fz",), "p_rad_s": ("Mx",), "q_rad_s": ("My",),
-    "r_rad_s": ("Mz",),
-}  # fmt: skip
-"""Channels whose own noise is in the residual of that axis."""
+SAME_SENSOR = dict(zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True))
+"""Channels whose own noise is in the residual of an axis, and that axis."""
 REACTIONS = {
     "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
     "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
@@ -47,7 +44,7 @@ CLOSEST = 0.02
 
 
 @dataclass(frozen=True)
-class Carrier:
+class CarryingChannel:
     """A channel that carries part of the remainder: ``score`` is its share of the energy of ``axis``."""
 
     name: str
@@ -68,8 +65,7 @@ class Curve:
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
     """Every curve that may stand for an unknown force."""
-    names = list(dict.fromkeys(name for r in records for name in r.channels))
-    for name in names:
+    for name in dict.fromkeys(name for r in records for name in r.channels):
         if name == "time_s" and len(records) > 1:
             continue
         basis = _basis(records, name)
@@ -83,7 +79,7 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
 
 def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     """Of a curve; None where there can be none."""
-    if axis in SAME_SENSOR.get(name, ()):
+    if SAME_SENSOR.get(name) == axis:
         return None
     vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
     if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):  # vanes do not change lift
@@ -134,5 +130,4 @@ def _of_range(known: Array) -> Callable[[Array], Array] | None:
 
 def _centred(x: Array, record: Record) -> Array:
     x = np.nan_to_num(x)
-    out: Array = x - x[record.valid].mean(axis=0)
-    return out
+    return np.asarray(x - x[record.valid].mean(axis=0))

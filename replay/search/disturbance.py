@@ -69,29 +69,25 @@ def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array
 
 def spectra(step_s: float) -> tuple[Spectrum, ...]:
     """The grid for samples ``step_s`` apart."""
-    lag = step_s * np.arange(ORDER + 1)
-    fast = np.exp(-(lag**2) / (4.0 * SMOOTHER_S**2))
-    out = []
-    for slow_s in SLOW_S:
-        slow = np.exp(-lag / slow_s)
-        out += [_spectrum(slow_s, share, share * slow + (1.0 - share) * fast) for share in SLOW_SHARE]
-    return tuple(out)
+    return tuple(_spectrum(step_s, slow_s, share) for slow_s in SLOW_S for share in SLOW_SHARE)
 
 
 def runs(valid: Mask) -> NDArray[np.int64]:
     """How many valid samples went directly before (n,); -1 where a sample is not valid."""
     index = np.arange(len(valid))
     broken = np.maximum.accumulate(np.where(valid, -1, index))
-    out: NDArray[np.int64] = np.where(valid, index - broken - 1, -1)
-    return out
+    return np.where(valid, index - broken - 1, -1)
 
 
-def _spectrum(slow_s: float, share: float, autocovariance: Array) -> Spectrum:
+def _spectrum(step_s: float, slow_s: float, share: float) -> Spectrum:
     """Best linear predictors of every order from the autocovariance r, R a = r with R Toeplitz.
 
-    The Yule-Walker equations: Brockwell & Davis 1991, Time Series: Theory and Methods, §5.1.
+    r(u) = s exp(-u / tau) + (1 - s) exp(-u^2 / (4 SMOOTHER_S^2)), and NUGGET more at u = 0; tau is ``slow_s``, s
+    ``share``. The Yule-Walker equations: Brockwell & Davis 1991, Time Series: Theory and Methods, §5.1.
     """
-    r = autocovariance / autocovariance[0]
+    lag = step_s * np.arange(ORDER + 1)
+    r = share * np.exp(-lag / slow_s) + (1.0 - share) * np.exp(-(lag**2) / (4.0 * SMOOTHER_S**2))
+    r = r / r[0]
     r[0] += NUGGET
     filters = np.zeros((ORDER + 1, ORDER + 1))
     for k in range(ORDER + 1):

@@ -7,6 +7,7 @@ N(m, S), S = (X^T W X + I)^-1, m = S (X^T W y + c), and
     log p(y) = - 1/2 sum over channels (n log(2 pi s^2) + (y - X m)^T R^-1 (y - X m) / s^2 + log det R)
                - 1/2 |m - c|^2 + 1/2 log det S
 
+where X, y and W hold three more rows a flight: the accelerometer's offset by velocity and attitude, library.py
 (Bishop 2006, Pattern Recognition and Machine Learning, §3.5; Rasmussen & Williams 2006, §2.7). s and R are fitted, and
 the likelihood has the power ``TRUST`` (Miller & Dunson 2019, JASA 114, 1113).
 """
@@ -186,7 +187,7 @@ class Evidence:
         """
         library = self.library
         by_width: dict[int, list[int]] = {}
-        for i in range(len(library.terms)) if key is None else library.numbers_of(key):
+        for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
             by_width.setdefault(len(library.terms[i].columns), []).append(i)
         set_columns, x_bias = Design(library, fit.terms).columns, library.x_bias
         cross, g = x_bias[:, set_columns].T @ x_bias, library.bias @ x_bias
@@ -242,7 +243,10 @@ class Evidence:
         return np.array(energies).reshape(-1, len(self.spectra))
 
     def _noise(self, rest: Sequence[Array], energies: Array, form: Array) -> Noise:
-        """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor."""
+        """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor.
+
+        The least n log s^2 + E / s^2 + log det R of those with a slow share up to FITTED_SHARE: E ``energies``.
+        """
         counts = self._counts[:, None]
         raw = np.array([e @ e for e in rest]) / self._counts
         variance = self._variance(energies, np.maximum(raw, form))
@@ -252,7 +256,10 @@ class Evidence:
         return Noise(tuple(best.tolist()), tuple(sigma.tolist()))
 
     def _variance(self, energies: Array, least: Array) -> Array:
-        """Of the innovations by every spectrum (channels, spectra), no smaller than ``least`` and the floor."""
+        """Of the innovations by every spectrum (channels, spectra), no smaller than ``least`` and the floor.
+
+        s^2 = max(E / n, least, FLOOR^2 / min(share, 1 - share)): the fast and the slow part are above FLOOR each.
+        """
         lowest = np.maximum(least[:, None], self._floor)
         return np.asarray(np.maximum(energies / self._counts[:, None], lowest))
 

@@ -8,10 +8,10 @@ from itertools import accumulate, zip_longest
 
 import numpy as np
 
-from models.effects import Context, Effect
+from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Channel, Columns, hundredths
+from replay.search.channel import Columns, ResidualChannel, hundredths
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 from replay.search.terms import (
@@ -67,7 +67,8 @@ class Library:
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
-        self._of_key: dict[Key, list[int]] = {}
+        self.numbers_of: dict[Key, list[int]] = {}
+        """Numbers of the terms with a key: one effect in all its shapes."""
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
         self.remainders: list[Effect] = []
@@ -136,7 +137,7 @@ class Library:
     def _add_effect(self, effect: Effect, usable: Sequence[int]) -> None:
         groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
         for flight, flights in groups:
-            shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
+            shapes = list(dict.fromkeys(effect.shape_grid(self.records[flights[0]].context)))
             for shape, log_shape in zip(shapes, log_shapes(effect, shapes), strict=True):
                 self._add(effect, flight, flights, shape, log_shape)
 
@@ -144,7 +145,8 @@ class Library:
         self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
     ) -> None:
         """One shape of an effect: numbers for coefficients and model-form errors, and columns in every channel."""
-        spread, centre = prior_of(effect, self.records[flights[0]].context, shape)
+        context = self.records[flights[0]].context
+        spread, centre = prior_of(effect, context, shape)
         places, priors = self._numbered(effect, flights, spread, centre)
         bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
         for parts in zip_longest(*bent):
@@ -154,13 +156,13 @@ class Library:
             priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
         columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
-        odds = effect.log_odds(self.context(flights[0]))
+        odds = effect.log_odds(context)
         self._take_in(
             Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, odds, main, places, flight)
         )
 
     def _take_in(self, term: Term) -> None:
-        self._of_key.setdefault(term.key, []).append(len(self.terms))
+        self.numbers_of.setdefault(term.key, []).append(len(self.terms))
         self.terms.append(term)
 
     def _numbered(
@@ -172,7 +174,7 @@ class Library:
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
-                    low, high = c.least(self.context(f)) / spread[i], c.high / spread[i]
+                    low, high = c.least(self.records[f].context) / spread[i], c.high / spread[i]
                     priors.append((self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c))))
                     self.size += 1
                 places[f][i] = self.size - 1
@@ -199,10 +201,10 @@ class Library:
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
         return [a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched]
 
-    def _channel(self, f: int, a: int) -> Channel:
+    def _channel(self, f: int, a: int) -> ResidualChannel:
         record, every = self.records[f], self.every[f]
         residual = np.nan_to_num(record.residual[::every, a])
-        return Channel(f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a])
+        return ResidualChannel(f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a])
 
     def _add_trim(self) -> Columns:
         """What every flight has without any effect, as columns of no term."""
@@ -227,14 +229,6 @@ class Library:
             if f == flight:
                 out += value * x
         return out
-
-    def numbers_of(self, key: Key) -> list[int]:
-        """Numbers of the terms with a key: one effect in all its shapes."""
-        return self._of_key[key]
-
-    def context(self, flight: int) -> Context:
-        """Of a flight."""
-        return self.records[flight].context
 
     def curve(self, term: Term, flight: int) -> Array:
         """Columns (n, k) of a free curve at the record's rate."""

@@ -31,7 +31,7 @@ WORSE_SHARE = 0.005
 
 
 @dataclass(frozen=True)
-class Estimate:
+class IntervalEstimate:
     """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
 
     name: str
@@ -49,7 +49,7 @@ class Estimate:
 
     @property
     def sign_probability(self) -> float:
-        """That it has the sign of its value; 1 where the interval leaves zero out."""
+        """That it has the sign of its value, Phi(|b| / s); 1 where the interval leaves zero out."""
         low, high = self.ci95
         return float(ndtr(abs(self.value) / (high - low) * 2.0 * 1.96)) if low <= 0.0 <= high and low < high else 1.0
 
@@ -62,7 +62,7 @@ class Found:
     """
 
     effect: Effect
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[IntervalEstimate, ...]
     axes: tuple[str, ...]
     explains: float
     probability: float
@@ -226,7 +226,7 @@ def _found(
     )
 
 
-def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ...]:
+def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[IntervalEstimate, ...]:
     """Coefficients on the flight that they are shown by, then the shape.
 
     Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
@@ -248,10 +248,10 @@ def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ..
         at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         interval = min(value, m - half), max(value, m + half)
-        out.append(Estimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
+        out.append(IntervalEstimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
     for i, shape in enumerate(effect.shapes):
         low, high, at = _shape_interval(walked, term, i)
-        out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
+        out.append(IntervalEstimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
     return tuple(out)
 
 
@@ -263,7 +263,10 @@ def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
 
 
 def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
-    """Variance of the coefficients over the sets that hold the effect, by their probability."""
+    """Variance (k,) of the coefficients b_S over the sets S that hold the effect, by their probability p_S.
+
+    sum p_S (b_S - ``mean``)^2 / sum p_S: Hoeting et al. 1999, Statistical Science 14, 382.
+    """
     out, total = np.zeros_like(mean), 0.0
     for fit, weight in walked.weighted():
         for t in fit.terms:
@@ -274,14 +277,17 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
 
 
 def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
-    """95 % interval of a shape parameter beside the others, to half way to the next value tried; at the grid's edge."""
+    """95 % interval of a shape parameter beside the others, and whether it stands at the grid's edge.
+
+    The density over the values tried goes with exp(TRUST gain in log evidence), each to half way to the next.
+    """
     shape, value, evidence = term.named.shapes[i], float(term.shape[i]), walked.evidence
     if not shape.continuous or value in shape.kinds:
         return value, value, False
     beside = [t for t in walked.best.terms if t is not term]
     screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
     gains: dict[float, float] = {}
-    for number in evidence.library.numbers_of(term.key):
+    for number in evidence.library.numbers_of[term.key]:
         other = evidence.library.terms[number].shape
         if other[:i] + other[i + 1 :] == term.shape[:i] + term.shape[i + 1 :] and other[i] not in shape.kinds:
             gains[other[i]] = TRUST * float(screened[number])
@@ -314,7 +320,10 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
 
 
 def _excited(walked: Walked, term: Term) -> bool:
-    """Whether one of its coefficients would be known to a third of the smallest effect that is named."""
+    """Whether the flights would know one of its main coefficients, beside the set.
+
+    Its standard deviation s / sqrt(TRUST) makes less than a hundredth of the weight, the smallest effect that is named.
+    """
     evidence = walked.evidence
     fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
     part = fit.part(term)

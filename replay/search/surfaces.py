@@ -37,7 +37,7 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
     library = walked.evidence.library
     # The map takes the place of the model-form errors of the laws that it corrects.
     named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
-    grid = np.array(effect.shape_grid(library.context(0)))
+    grid = np.array(effect.shape_grid(library.records[0].context))
 
     @cache
     def fit(shape: tuple[float, ...]) -> Fit:

@@ -108,10 +108,9 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
     """
     valid = record.valid
-    weight = record.context.weight
     size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)
     top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
-    if top < 1e-9 * weight:
+    if top < 1e-9 * record.context.weight:
         return []
     u = np.minimum(size / top, 1.0)
     energy = np.where(valid, size**2, 0.0)
@@ -130,14 +129,13 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
 
 
 def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[float]:
-    """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say."""
-    kind = np.array([any(v in p.kinds for v, p in zip(s, effect.shapes, strict=True)) for s in shapes])
-    weight = np.array(
-        [
-            np.exp(-0.5 * sum((v / p.typical) ** 2 for v, p in zip(s, effect.shapes, strict=True) if p.typical))
-            for s in shapes
-        ]
-    )
+    """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say.
+
+    A shape v has exp(-1/2 sum (v_i / typical_i)^2) over the sum of all that are kinds, or of all that are not.
+    """
+    named = [list(zip(s, effect.shapes, strict=True)) for s in shapes]
+    kind = np.array([any(v in p.kinds for v, p in values) for values in named])
+    weight = np.exp([-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named])
     for part in (kind, ~kind):
         if part.any():
             weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()

@@ -94,7 +94,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     evidence = sets.evidence
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
     odds: dict[Term, float] = {}
-    for i in evidence.library.numbers_of(term.key):
+    for i in evidence.library.numbers_of[term.key]:
         other = evidence.library.terms[i]
         likely = TRUST * float(screened[i]) + other.prior
         if likely > WORTH_A_LOOK:
@@ -107,10 +107,8 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
 def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Every member's best shape beside the others."""
     evidence = sets.evidence
-    for term in fit.terms:
-        if only is not None and term.key != only:
-            continue
-        terms, rivals = evidence.library.terms, evidence.library.numbers_of(term.key)
+    for term in (t for t in fit.terms if only in (None, t.key)):
+        terms, rivals = evidence.library.terms, evidence.library.numbers_of[term.key]
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]

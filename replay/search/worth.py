@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Channel
+from replay.search.channel import ResidualChannel
 from replay.search.library import Design
 from replay.search.terms import STEP_S, Term
 
@@ -144,7 +144,7 @@ def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     return np.stack([top(part, c.count) / c.limit for c, part in zip(channels, parts, strict=True)], axis=1)
 
 
-def slow_rms(rest: Array, channel: Channel) -> float:
+def slow_rms(rest: Array, channel: ResidualChannel) -> float:
     """RMS of what is left of a channel (n,), averaged over ``SLOW_S``."""
     width = max(round(SLOW_S / STEP_S), 1)
     total = np.concatenate([[0.0], np.cumsum(rest)])

@@ -29,7 +29,7 @@ from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
 from replay.vehicle.airframe import TANDEM, TANDEM_SEEN, Airframe, airframe, is_tandem, turns
-from replay.vehicle.fit import Fit, fit_records, free_flight, hovering
+from replay.vehicle.fit import ThrustFit, fit_records, free_flight, hovering
 
 INCH_M = 0.0254
 _OPTIONS = {"mass_kg": "--mass KG", "rotor_radius_m": "--propeller INCH", "position_m": "--span M"}
@@ -220,7 +220,7 @@ def _records(logs: Sequence[FlightLog], start: Vehicle, target_system: int | Non
     return found
 
 
-def _measured(records: Sequence[Record], start: Vehicle) -> tuple[Fit, str]:
+def _measured(records: Sequence[Record], start: Vehicle) -> tuple[ThrustFit, str]:
     """Thrust by free hover; where there is too little, by all free flight, then by all flight."""
     for rows, how in ((hovering, "free hover"), (free_flight, "free flight")):
         if sum(rows(r).sum() * r.step_s for r in records) >= ENOUGH_S:
@@ -228,7 +228,7 @@ def _measured(records: Sequence[Record], start: Vehicle) -> tuple[Fit, str]:
     return fit_records(records, start, lambda r: r.valid), "the whole flight"
 
 
-def _hover(found: Fit, said: str, start: float, how: str) -> tuple[float, str]:
+def _hover(found: ThrustFit, said: str, start: float, how: str) -> tuple[float, str]:
     """ArduPilot learns MOT_THST_HOVER in flight; PX4's MPC_THR_HOVER is what somebody typed in."""
     if said == "MOT_THST_HOVER":
         return start, said

@@ -24,7 +24,7 @@ _FAR = 4.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class ThrustFit:
     """What flights say of the vehicle."""
 
     vehicle: Vehicle
@@ -35,7 +35,7 @@ class Fit:
     """Median output 0...1 of the rotors; NaN where rotor speeds are telemetered."""
 
 
-def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Record], NDArray[np.bool_]]) -> Fit:
+def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Record], NDArray[np.bool_]]) -> ThrustFit:
     """The vehicle ``start``, of which the records are, with what the rows ``where`` of them measure."""
     rows = [(r, where(r)) for r in records]
 
@@ -44,7 +44,7 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
 
     lift = pooled(lambda r: -r.measured[:, 2])
     if not lift.size:
-        return Fit(start)
+        return ThrustFit(start)
     found: dict[str, float] = {}
     vehicle, curve, output = start, start.throttle, math.nan
     if curve is None:
@@ -65,7 +65,7 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
     if 0.05 < hover < 0.95:
         found["hover_thrust"] = _rounded(hover)
         vehicle = replace(vehicle, hover_thrust=found["hover_thrust"])
-    return Fit(vehicle, tuple(found), output)
+    return ThrustFit(vehicle, tuple(found), output)
 
 
 def hovering(record: Record) -> NDArray[np.bool_]:

@@ -44,7 +44,7 @@ from replay.diagnosis.diagnose import conclude, read_records
 from replay.predict.day import learning_time
 from replay.predict.predict import LEAST_S, predicted
 from replay.residual.record import Record
-from replay.search.results import Estimate
+from replay.search.results import IntervalEstimate
 
 OURS, MEAN = "ours", "mean"
 FROZEN, TWENTY = "frozen", "twenty_seconds"
@@ -170,7 +170,7 @@ def flights(group: Group, cache: Path) -> list[Flight]:
         effects = [
             to_adopt(
                 get(e["name"]),
-                [Estimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
+                [IntervalEstimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
                 records[0].context,
                 e.get("without", ()),
                 one_wind=any(other["name"] == "wind" for other in named),

@@ -13,7 +13,7 @@ from models.errors import ModelError
 from models.surrogate.store import load, save_model
 from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words
-from replay.search.results import Estimate
+from replay.search.results import IntervalEstimate
 
 WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
@@ -70,24 +70,22 @@ def test_every_effect_says_what_is_kept_of_it() -> None:
 def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_before() -> None:
     vehicle = default_vehicle()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
-    well, badly = (
-        to_adopt(get("thrust_scale"), [Estimate("scale", 0.1, (0.1 - half, 0.1 + half), "1")], context).parameters
-        for half in (0.004, 0.2)
-    )
+    known = (IntervalEstimate("scale", 0.1, (0.1 - half, 0.1 + half), "1") for half in (0.004, 0.2))
+    well, badly = (to_adopt(get("thrust_scale"), [scale], context).parameters for scale in known)
     assert well["scale"] == pytest.approx(0.1, rel=0.01)
     assert 0.0 < badly["scale"] < 0.06
-    bias = [Estimate(n, 0.2, (-0.3, 0.7), "1") for n in ("x", "y", "z", "pitch", "roll")]
+    bias = [IntervalEstimate(n, 0.2, (-0.3, 0.7), "1") for n in ("x", "y", "z", "pitch", "roll")]
     assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
 
 
 def test_drag_that_was_found_in_one_wind_is_adopted_by_half() -> None:
     vehicle = default_vehicle()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
-    found = [Estimate(name, value, (value, value), "1") for name, value in WIND.items()]
+    found = [IntervalEstimate(name, value, (value, value), "1") for name, value in WIND.items()]
     one, two = (to_adopt(get("wind"), found, context, one_wind=alone).parameters for alone in (True, False))
     assert two["own_motion"] == pytest.approx(0.4)
     assert one["own_motion"] == pytest.approx(0.2)
-    scale = [Estimate("scale", 0.1, (0.1, 0.1), "1")]
+    scale = [IntervalEstimate("scale", 0.1, (0.1, 0.1), "1")]
     assert to_adopt(get("thrust_scale"), scale, context, one_wind=True).parameters["scale"] == pytest.approx(0.1)
 
 

@@ -15,7 +15,7 @@ from diagnose_noise import noise_record
 from companion.vehicles import default_vehicle
 from models.effects import get
 from replay.changes.changes import Baseline, Change, changes, learn
-from replay.changes.since import Comparison, _change_point, by_date, page
+from replay.changes.since import ChangeReport, _change_point, by_date, page
 from replay.cli import main
 from replay.residual.record import Record
 
@@ -78,14 +78,14 @@ def test_the_answer_as_json_text_and_page(good: Baseline) -> None:
     today = flight(25, HEAVY, ("fan_imbalance", (2.0,), (-0.2,)))
     (change,) = changes(good, today)
     assert isinstance(change, Change)
-    answer = Comparison(good, ((today, (change,)),), (replace(change, since=today.name),), ())
+    answer = ChangeReport(good, ((today, (change,)),), (replace(change, since=today.name),), ())
     (entry,) = json.loads(json.dumps(answer.as_json(), allow_nan=False))["changed"]
     assert {"name", "since", "parameters", "probability"} <= set(entry)
     assert entry["since"] == today.name
     assert "fan_imbalance since" in answer.as_text()
     html = page(answer, default_vehicle())
     assert f"<h1>Fan imbalance changed since {today.name}</h1>" in html
-    nothing = Comparison(good, ((today, ()),), (), ())
+    nothing = ChangeReport(good, ((today, ()),), (), ())
     assert nothing.as_json()["changed"] == []
     assert nothing.as_text().startswith("nothing changed")
     assert "<h1>Nothing changed</h1>" in page(nothing, default_vehicle())

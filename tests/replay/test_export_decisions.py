@@ -187,7 +187,7 @@ def test_a_full_disk_keeps_the_file_that_was_there(log, tmp_path, to, capsys, mo
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(files.Table, "values", full)
+    monkeypatch.setattr(files.LogTable, "values", full)
     assert main(["export", str(log), "--to", to, "--out", str(target), "--no-decisions"]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "No space left on device" in line

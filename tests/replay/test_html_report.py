@@ -26,7 +26,7 @@ from replay.diagnosis.pictures import (
 from replay.diagnosis.words import channel_words, estimate_text
 from replay.residual.faults import LogFault
 from replay.residual.record import Record
-from replay.search.results import Estimate, Found
+from replay.search.results import Found, IntervalEstimate
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "payload", "ceiling", "thermal_derating")]
 
@@ -237,7 +237,7 @@ def test_names_and_units_are_those_of_people(weak: Diagnosis) -> None:
     assert channel_words("az_m_s2") == "acceleration down [m/s²]"
     assert channel_words("rpm_3") == "speed of ESC 3 [rpm]"
     assert channel_words("range_down_m") == "range down [m]"
-    assert estimate_text(Estimate("scale", -0.05, (-0.06, -0.04), "1")) == "scale = -0.05 [-0.06, -0.04]"
+    assert estimate_text(IntervalEstimate("scale", -0.05, (-0.06, -0.04), "1")) == "scale = -0.05 [-0.06, -0.04]"
 
 
 def test_a_long_series_keeps_its_extremes() -> None:

@@ -21,7 +21,7 @@ def library() -> Library:
 
 
 def test_what_a_flight_cannot_show_is_lacking_with_its_reason(library: Library) -> None:
-    assert library.lacking == {"ceiling": get("ceiling").lacking(library.context(0))}
+    assert library.lacking == {"ceiling": get("ceiling").lacking(library.records[0].context)}
     assert {t.name for t in library.terms if t.effect is not None} == {"imu_bias", "wind"}
 
 
@@ -33,9 +33,9 @@ def test_an_effect_of_forces_is_not_tried_where_no_force_is_judged() -> None:
 def test_every_shape_is_a_term_and_shares_one_prior(library: Library) -> None:
     wind = get("wind")
     terms = [t for t in library.terms if t.name == "wind"]
-    assert [t.shape for t in terms] == list(wind.shape_grid(library.context(0)))
+    assert [t.shape for t in terms] == list(wind.shape_grid(library.records[0].context))
     assert {t.key for t in terms} == {("wind", terms[0].flight, None)}
-    assert [library.terms[i] for i in library.numbers_of(terms[0].key)] == terms
+    assert [library.terms[i] for i in library.numbers_of[terms[0].key]] == terms
 
 
 def test_columns_of_different_terms_are_their_own(library: Library) -> None:

@@ -23,7 +23,7 @@ from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
 from replay.search.outside import outside
-from replay.search.results import Estimate, Found, Searched, summarise
+from replay.search.results import Found, IntervalEstimate, Searched, summarise
 from replay.search.sets import canonical
 from replay.search.terms import Term
 from replay.search.walk import walk
@@ -120,7 +120,7 @@ def test_shares_add_up_to_all_at_most(quiet: Record) -> None:
 
 @pytest.mark.parametrize(("low", "high", "most"), [(-0.003, 0.353, 0.975), (0.01, 0.35, 1.0), (-0.3, 0.5, 0.75)])
 def test_no_more_is_claimed_of_an_effect_than_of_the_sign_of_its_size(low: float, high: float, most: float) -> None:
-    assert Estimate("pull", (low + high) / 2.0, (low, high), "1").sign_probability <= most
+    assert IntervalEstimate("pull", (low + high) / 2.0, (low, high), "1").sign_probability <= most
 
 
 def test_what_a_flight_says_nothing_about_is_not_printed(quiet: Record) -> None:
