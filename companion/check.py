@@ -24,11 +24,11 @@ from companion.control.state import PipelineState
 from companion.mavlink import samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
-from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Sample
+from companion.mavlink.wire_frames import V2, Counts, Frame, cut, walk
 from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY

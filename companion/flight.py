@@ -16,7 +16,6 @@ from companion.control.state import Decision
 from companion.control.survey import Phase
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
-from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
@@ -25,6 +24,7 @@ from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTa
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder, Records
+from companion.mavlink.wire_frames import Frame
 from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
 from companion.pipeline import answer, hand_over_place, initial_state, level_command, ready_to_leave, stopped

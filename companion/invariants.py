@@ -19,12 +19,12 @@ from companion.control.state import Decision
 from companion.mavlink import samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.frames import Frame, unpacked
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import Quaternion, Sample
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
+from companion.mavlink.wire_frames import Frame, unpacked
 from companion.pipeline import MAX_THRUST, MIN_THRUST
 from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle

@@ -67,9 +67,9 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
     Raises LogError where it cannot be read, or holds nothing that the companion sent.
     """
     from companion.invariants import Auditor
-    from companion.mavlink.frames import cut
     from companion.mavlink.message_filter import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
+    from companion.mavlink.wire_frames import cut
     from replay.logs.formats import suffix_of
     from replay.logs.tlog import read_tlog
 

@@ -14,8 +14,8 @@ from companion.clock import Clock, SystemClock
 from companion.mavlink import BAUD
 from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
+from companion.mavlink.wire_frames import Frame, FrameReader, pack
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import ID_OF
-from companion.mavlink.frames import Frame
 from companion.mavlink.message_table import LAYOUTS, decode, stamp_of
 from companion.mavlink.outgoing import TIMESYNC, timesync_answer
 from companion.mavlink.samples import Range, Sample
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
+from companion.mavlink.wire_frames import Frame
 
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""

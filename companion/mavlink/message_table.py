@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from companion.mavlink import sample_builders as build
 from companion.mavlink import samples
 from companion.mavlink.boot_clock import BootClock, Stamp
-from companion.mavlink.frames import Frame, unpacked
+from companion.mavlink.wire_frames import Frame, unpacked
 from companion.mavlink.wire_layout import SI, Layout, Raw
 
 _ACC_LIMIT, _GYRO_LIMIT, _RPM_LIMIT = 2000.0, 200.0, 200_000.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from companion.mavlink.dialect import MESSAGES
-from companion.mavlink.frames import unpacked
+from companion.mavlink.wire_frames import unpacked
 
 TIMESYNC, _OURS_NS = 111, 191
 Message = tuple[int, bytes]

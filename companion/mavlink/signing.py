@@ -10,7 +10,7 @@ import hmac
 from hashlib import sha256
 from typing import Any
 
-from companion.mavlink.frames import SIGNATURE_BYTES, V2, Frame
+from companion.mavlink.wire_frames import SIGNATURE_BYTES, V2, Frame
 
 _NEW_STREAM_US10 = 6_000_000
 """A stream that was not heard before may be one minute behind, in units of 10 us."""

@@ -20,13 +20,13 @@ from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
 from models.surrogate.free_air import FreeAir
 from models.surrogate.net_ensemble import NetEnsemble
-from models.training import calibration, evidence, genetic, levenberg
+from models.training import calibration, genetic, levenberg, live_components
 from models.training.calibration import HeldOut
 
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
 # Nets of an ensemble, each without another fifth of the places: the paper's 8:2 split, five times.
-MEMBERS = evidence.FOLDS
+MEMBERS = live_components.FOLDS
 # Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
 # The paper's number.
@@ -110,7 +110,7 @@ def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
     y = increments(data.wrench, data.rpm, law)
     if live is None:
         x, gate = coordinates.fit(data, y, axisymmetric=False).inputs(data.h, data.d, data.rpm)
-        live = evidence.live(x, y, gate, locations)
+        live = live_components.live(x, y, gate, locations)
     law = _with_constants(law, data, live)
     y = np.where(live, increments(data.wrench, data.rpm, law), 0.0)
     coords = coordinates.fit(data, y, free_air.is_axisymmetric(law, live))
@@ -370,7 +370,7 @@ def best_degree(problem: Problem, fold: Index) -> int:
     """The polynomial's degree with the least share of the increments left unexplained on folds not fitted on."""
 
     def left(degree: int) -> float:
-        squares = evidence.unexplained(problem.x, problem.y, problem.gate, fold, degree)
+        squares = live_components.unexplained(problem.x, problem.y, problem.gate, fold, degree)
         return float(np.sum(squares / problem.scale**2))
 
     return min(polynomial.DEGREES, key=left)

@@ -9,7 +9,7 @@ from itertools import combinations
 
 from models.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL, Vector3
-from models.vehicle_setup.frames import Motor
+from models.vehicle_setup.motor_layouts import Motor
 
 OPEN_ROTOR_CT = 0.0130
 """C_T = T/(rho A Omega^2 R^2) of an open two-blade propeller in hover; 0.010 to 0.017 were measured on propellers of

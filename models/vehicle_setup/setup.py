@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from models.vehicle import Fan, Rangefinder, Rotor, Throttle, Vehicle
 from models.vehicle_plausibility import target_of
 from models.vehicle_setup.estimate import OPEN_ROTOR_CT, inertia, max_thrust, pwm_range, throttle_output
-from models.vehicle_setup.frames import Motor
+from models.vehicle_setup.motor_layouts import Motor
 
 COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
 _LOOKS_DOWN = 25

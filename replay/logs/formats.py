@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from companion.mavlink.frames import Counts, walk
+from companion.mavlink.wire_frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.frames import V2, Counts, frame_bytes, walk
+from companion.mavlink.wire_frames import V2, Counts, frame_bytes, walk
 from companion.mavlink.wire_layout import wire_format
 from models.errors import LogError
 from replay.logs.files import read_file

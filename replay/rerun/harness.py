@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.control.state import Decision, PipelineState
-from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
+from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from models.effects import Context
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.disturbance import Spectrum
+from replay.search.noise_spectra import Spectrum
 
 Columns = NDArray[np.int64]
 

@@ -1,7 +1,7 @@
 """Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted.
 
 The model of a channel is y = X b + e, with b ~ N(c, I) in units of the prior's standard deviation and e ~ N(0, s^2 R),
-R of one spectrum of a grid (disturbance.py). With W = R^-1 / s^2, summed over the channels, the posterior of b is
+R of one spectrum of a grid (noise_spectra.py). With W = R^-1 / s^2, summed over the channels, the posterior of b is
 N(m, S), S = (X^T W X + I)^-1, m = S (X^T W y + c), and
 
     log p(y) = - 1/2 sum over channels (n log(2 pi s^2) + (y - X m)^T R^-1 (y - X m) / s^2 + log det R)
@@ -24,8 +24,8 @@ from scipy.linalg import cho_factor, cho_solve
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Whitened
-from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
 from replay.search.library import Design, Library
+from replay.search.noise_spectra import FITTED_SHARE, spectra, whitened_energies
 from replay.search.terms import STEP_S, Key, Term
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 

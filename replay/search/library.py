@@ -13,7 +13,7 @@ from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.channel import Columns, ResidualChannel, hundredths
 from replay.search.curves import AMPLITUDE, Curve, curves
-from replay.search.disturbance import runs
+from replay.search.noise_spectra import runs
 from replay.search.terms import (
     FORM_PRIOR,
     STEP_S,

@@ -12,7 +12,7 @@ import numpy as np
 
 from models.errors import LogError
 from models.vehicle_setup.estimate import pwm_range
-from models.vehicle_setup.frames import FRAMES, Motor, ardupilot_frame, declared_outputs, outputs, px4_motors
+from models.vehicle_setup.motor_layouts import FRAMES, Motor, ardupilot_frame, declared_outputs, outputs, px4_motors
 from replay.flightlog import FlightLog, Series
 
 _OTHERS = {

@@ -21,10 +21,10 @@ from simulated import simulated
 import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Sample
+from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle

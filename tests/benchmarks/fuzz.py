@@ -43,10 +43,10 @@ from result_file import add_option, figure, write_result
 
 import models
 from companion.config import PipelineConfig
-from companion.mavlink.frames import FrameReader, cut, pack
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.setpoints import AttitudeCommand, Command
+from companion.mavlink.wire_frames import FrameReader, cut, pack
 from companion.pipeline import initial_state, step
 from companion.vehicles import default_vehicle
 from models.errors import UserError

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from companion.mavlink.frames import cut, pack
+from companion.mavlink.wire_frames import cut, pack
 
 Change = Callable[[bytes, random.Random], bytes]
 """A payload, or a record, to another one."""

@@ -25,7 +25,7 @@ from fastcrc.crc16 import mcrf4xx as crc
 from log_writers import flight, record
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import V2
+from companion.mavlink.wire_frames import V2
 from companion.mavlink.wire_layout import wire_format
 
 SECONDS = 60.0

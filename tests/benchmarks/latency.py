@@ -102,7 +102,7 @@ while time.monotonic() < end:
 
 LOOP = """
 import select, socket, struct, sys, time
-from companion.mavlink.frames import FrameReader, pack
+from companion.mavlink.wire_frames import FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, encode
 _, host, port = sys.argv[1].split(":")
 link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

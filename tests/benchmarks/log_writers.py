@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS
-from companion.mavlink.frames import pack
+from companion.mavlink.wire_frames import pack
 from models.dataset import HEADER, DataSet
 from models.frames import GRAVITY
 

@@ -20,12 +20,12 @@ from statistics import median
 
 import models
 from companion.config import PipelineConfig
-from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
 from companion.mavlink.stream_rates import message_name
+from companion.mavlink.wire_frames import cut
 from companion.pipeline import answer, initial_state, step
 from companion.settle import settle
 from companion.vehicles import default_vehicle

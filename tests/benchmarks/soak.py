@@ -39,7 +39,7 @@ from result_file import add_option, figure, write_result
 from simulated import Px4Pilot, simulated
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.process import free_port, launch
 from companion.sim.scenario import build

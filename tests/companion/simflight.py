@@ -14,8 +14,8 @@ from simulated import link_of, simulated
 
 import companion
 from companion.config import PipelineConfig
-from companion.mavlink.frames import cut
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
+from companion.mavlink.wire_frames import cut
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
 from companion.sim.scenario import build

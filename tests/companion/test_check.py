@@ -18,7 +18,7 @@ from flight_case import Case, CasePilot
 from companion.check import Item, Listener, Setup, Verdict, items, may_fly, read_log
 from companion.cli import main
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from replay.logs.tlog import read_tlog
 
 Edit = Callable[[Any], bool | None]

@@ -13,7 +13,7 @@ import os, socket, time
 if {parent_imported}:
     from pymavlink import mavutil
 from companion.mavlink.esc_messages import ESC_STATUS
-from companion.mavlink.frames import pack
+from companion.mavlink.wire_frames import pack
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.outgoing import command_long

@@ -12,10 +12,10 @@ from flying import CONFIG
 from companion.config import Base
 from companion.flight import Flight, FlightOptions
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.tlog_writer import Recorder
+from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
 from models.errors import ConfigError, LinkError
 

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_writers import bin_flight, ulg_flight
 
-from companion.mavlink.frames import FrameReader
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.wire_frames import FrameReader
 from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.progress import Bars

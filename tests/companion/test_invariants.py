@@ -15,8 +15,8 @@ from companion.control.compensation import Offset
 from companion.control.state import Decision
 from companion.invariants import Auditor, Requirement
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
+from companion.mavlink.wire_frames import Frame, FrameReader, pack
 from companion.sim.autopilot import Mode
 from models.frames import quaternion_from_euler
 from replay.logs.tlog import read_tlog

@@ -13,8 +13,8 @@ from companion.config import Base, PipelineConfig
 from companion.control.authority import Reason
 from companion.mavlink.boot_clock import BootClock, Stamp
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
 from companion.mavlink.message_table import decode
+from companion.mavlink.wire_frames import cut
 from models.vehicle import load_vehicle
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay

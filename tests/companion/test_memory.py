@@ -10,8 +10,8 @@ import models
 from companion.config import PipelineConfig
 from companion.flight import Flight, FlightOptions, percentiles_ms
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import FrameReader
 from companion.mavlink.link import Arrivals
+from companion.mavlink.wire_frames import FrameReader
 from companion.vehicles import default_vehicle
 
 

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from companion.mavlink.boot_clock import BootClock, Stamp
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut, pack
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS, columns, decode
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import Attitude, LocalPosition, RangeVerdict
+from companion.mavlink.wire_frames import cut, pack
 from companion.mavlink.wire_layout import SI
 from models.frames import quaternion_from_euler, rotation_from_quaternion
 

@@ -6,10 +6,10 @@ from pymavlink.generator import mavparse
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID, ESC_INFO, ESC_STATUS
-from companion.mavlink.frames import Counts, cut, pack, walk
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import decode
 from companion.mavlink.samples import EscTemperatures, RotorSpeeds
+from companion.mavlink.wire_frames import Counts, cut, pack, walk
 from companion.mavlink.wire_layout import wire_format
 
 COMMON_XML = """<?xml version="1.0"?><mavlink><version>3</version><messages>

@@ -17,10 +17,10 @@ from companion.estimation.position_trust import PositionTrust, position_reset
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.firmware import Stack
-from companion.mavlink.frames import cut
 from companion.mavlink.message_table import decode
 from companion.mavlink.samples import EstimatorStatus, LocalPosition
 from companion.mavlink.stream_rates import wanted_streams
+from companion.mavlink.wire_frames import cut
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
 from replay.logs.tlog import read_tlog

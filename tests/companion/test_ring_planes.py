@@ -15,11 +15,11 @@ from companion.estimation import estimator as est
 from companion.estimation.estimator import Seen
 from companion.estimation.ring_planes import placed, ring_view
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import OWN_COMPONENT
 from companion.mavlink.message_table import decode
 from companion.mavlink.samples import Ring
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
+from companion.mavlink.wire_frames import cut
 from companion.sim.compare import Settings
 from companion.sim.flight import Flight
 from companion.sim.flown import Leg, fly_judged

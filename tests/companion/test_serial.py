@@ -13,8 +13,8 @@ import pytest
 
 from companion.cli import parser
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import FrameReader
 from companion.mavlink.link import Arrivals, open_link
+from companion.mavlink.wire_frames import FrameReader
 
 BITS_A_BYTE = 10  # start and stop bit
 

@@ -11,7 +11,7 @@ import pytest
 
 from companion.cli import main as companion
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from companion.sim import compare
 from companion.sim.air import LawError
 from companion.sim.body import DT

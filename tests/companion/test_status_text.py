@@ -15,9 +15,9 @@ from test_flight import Run
 from companion.control.authority import Notice, Reason
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.firmware import Stack
-from companion.mavlink.frames import pack
 from companion.mavlink.samples import Attitude, Heartbeat
 from companion.mavlink.stream_rates import StreamKeeper, wanted_streams
+from companion.mavlink.wire_frames import pack
 from companion.pipeline import initial_state, step
 from companion.telemetry.status import StatusReporter, chunks, text_messages
 from companion.vehicles import default_vehicle

@@ -13,7 +13,7 @@ from models.dataset import held_out
 from models.frames import AXES, Array
 from models.surrogate import free_air, kriging
 from models.surrogate.fan_surrogate import FanSurrogate
-from models.training import compare, evidence, train
+from models.training import compare, live_components, train
 
 INF = np.inf
 
@@ -71,7 +71,7 @@ def test_evidence_is_the_same_for_thousands_of_rows() -> None:
     y = np.zeros((4000, 6))
     y[:, 0], y[:, 2] = rng.normal(size=4000), np.sin(2 * x[:, 0])
     y[:, 4] = 7.0
-    assert evidence.live(x, y, np.ones_like(y), place).tolist() == [False, False, True, False, False, False]
+    assert live_components.live(x, y, np.ones_like(y), place).tolist() == [False, False, True, False, False, False]
 
 
 def test_a_constant_component_has_no_r2_and_is_said_to_have_none() -> None:

@@ -10,7 +10,7 @@ from companion.vehicles import QUAD, TANDEM
 from models.frames import GRAVITY
 from models.vehicle import load_vehicle, parse_vehicle
 from models.vehicle_setup.estimate import inertia, max_thrust, throttle_output
-from models.vehicle_setup.frames import FRAMES, ardupilot_frame, outputs, px4_motors
+from models.vehicle_setup.motor_layouts import FRAMES, ardupilot_frame, outputs, px4_motors
 from models.vehicle_setup.setup import Answers, build, parameter_ranges
 from models.vehicle_setup.toml_text import vehicle_text
 

@@ -12,7 +12,7 @@ from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import flight, quad_flight, write_tlog
 
 from companion.control.authority import Reason
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform, work

@@ -10,8 +10,8 @@ from log_writers import EPOCH_US, flight, frame, heartbeat, write_tlog
 from scipy.spatial.transform import Rotation
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
 from companion.mavlink.samples import RangeVerdict
+from companion.mavlink.wire_frames import cut
 from models.errors import LogError
 from replay.flightlog import Series, direction_name
 from replay.logs.columns import smallest_step, tidy, unflipped

@@ -11,9 +11,9 @@ from log_writers import flight, frame, write_tlog
 import models
 from companion.config import Base, PipelineConfig
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import FrameReader, cut
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.tlog_writer import Recorder
+from companion.mavlink.wire_frames import FrameReader, cut
 from companion.pipeline import answer, initial_state
 from companion.settle import settle
 from companion.vehicles import default_vehicle

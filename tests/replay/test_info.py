@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from log_writers import bin_flight, flight, quad_flight, ulg_flight, write_tlog
 
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD, TANDEM
 from replay.cli import main
 from replay.flightlog import Interval

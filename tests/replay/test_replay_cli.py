@@ -9,7 +9,7 @@ import sys
 import pytest
 from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_tlog
 
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
 from replay.logs.tlog import read_tlog

@@ -11,7 +11,7 @@ from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import EPOCH_US, flight, write_tlog
 
 from companion.control.authority import Reason
-from companion.mavlink.frames import cut
+from companion.mavlink.wire_frames import cut
 from replay.cli import main
 from replay.rerun import history
 from replay.rerun.history import History

@@ -19,9 +19,9 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
-from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
+from replay.search.noise_spectra import runs, spectra, whitened_energies
 from replay.search.outside import outside
 from replay.search.results import Found, IntervalEstimate, Searched, summarise
 from replay.search.sets import canonical

@@ -12,8 +12,8 @@ from log_writers import EPOCH_US, flight, frame, heartbeat, record, write_tlog
 from pymavlink import mavutil
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
 from companion.mavlink.message_table import LAYOUTS, columns
+from companion.mavlink.wire_frames import cut
 from models.errors import LogError
 from replay.logs.tlog import read_tlog, repair_stamps
 from replay.logs.tlog_vehicle import choose

@@ -17,8 +17,8 @@ from companion.clock import Readable
 from companion.config import PipelineConfig
 from companion.flight import FlightOptions
 from companion.invariants import Auditor
-from companion.mavlink.frames import cut
 from companion.mavlink.tlog_writer import Recorder, Records
+from companion.mavlink.wire_frames import cut
 from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep, OverError, Pilot
 

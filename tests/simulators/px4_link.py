@@ -11,7 +11,7 @@ from px4 import Px4
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS, EscMessage
-from companion.mavlink.frames import pack
+from companion.mavlink.wire_frames import pack
 from companion.sim.autopilot import Mode
 from companion.sim.link import AUTOPILOT, SYSTEM, Messages
 

@@ -14,8 +14,8 @@ from simulated import is_px4
 from vision import VisionEstimator
 
 from companion.adapt_options import Adapt
-from companion.mavlink.frames import pack
 from companion.mavlink.tlog_writer import Recorder
+from companion.mavlink.wire_frames import pack
 from companion.sim.autopilot import Mode
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
 from faults.tamper import signed, signer

@@ -11,8 +11,8 @@ from typing import Any
 from lockstep_faults import Wire
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.frames import cut, pack
 from companion.mavlink.signing import Signatures
+from companion.mavlink.wire_frames import cut, pack
 
 Edit = Callable[[Any], bool | None]
 """Changes a message in place; False: it is not sent at all."""

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import V1, V2, Counts, FrameReader, cut, pack, walk
 from companion.mavlink.message_table import LAYOUTS, decode
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.mavlink.signing import Signatures
+from companion.mavlink.wire_frames import V1, V2, Counts, FrameReader, cut, pack, walk
 
 MESSAGES = [
     mavlink.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3),
