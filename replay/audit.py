@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 from companion.vehicles import vehicle_path
 from models.errors import LogError
 
@@ -66,6 +64,8 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
 
     Raises LogError where it cannot be read, or holds nothing that the companion sent.
     """
+    from tqdm import tqdm
+
     from companion.invariants import Auditor
     from companion.mavlink.message_filter import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
