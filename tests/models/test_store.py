@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import models
+from models.effects import get
 from models.effects.effect import AdoptedEffect
 from models.errors import ModelError
 
@@ -85,6 +86,16 @@ def test_a_manifest_that_does_not_fit_is_refused(directory: Path, changes: dict[
         models.load(directory)
     assert str(directory) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_map_of_ground_and_wall_without_the_radius_that_it_is_in_is_refused(directory: Path) -> None:
+    law = get("surface_law")
+    size = dict.fromkeys([c.name for c in law.coefficients], 0.02) | dict.fromkeys([s.name for s in law.shapes], 1.0)
+    models.save_model(directory, models.load().with_effects((AdoptedEffect(law.name, size),)))
+    assert np.isfinite(models.load(directory).wrench(0.2, 0.1, 4000.0)).all()
+    _edit(directory, fan=None)
+    with pytest.raises(ModelError, match="surface_law needs the fan's radius"):
+        models.load(directory)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "3"])
