@@ -51,7 +51,7 @@ class Phase(Enum):
 
 
 @dataclass(frozen=True)
-class Leg:
+class SurveyLeg:
     """Straight from one place to the next by minimum jerk, then stay: (height, wall distance) changes [m]."""
 
     start: tuple[float, float]
@@ -82,7 +82,7 @@ class Survey:
     """Where it began, NED."""
     axes: Array = field(default_factory=lambda: _NO_AXES)
     """Unit vectors up and away from the wall, NED."""
-    legs: tuple[Leg, ...] = ()
+    legs: tuple[SurveyLeg, ...] = ()
     leg: int = 0
     why: str = ""
     """Why it went back early, or did not begin."""
@@ -92,10 +92,10 @@ class Survey:
         """Whether it moves the hold."""
         return self.phase in (Phase.FLYING, Phase.RETURNING)
 
-    def wanted(self, t_s: float) -> Waypoint:
+    def wanted(self, t_s: float) -> SurveyTarget:
         """Where the hold is to be."""
         place, rate = self.legs[self.leg].at(t_s - self.since_s)
-        return Waypoint(self.anchor + place @ self.axes, rate @ self.axes)
+        return SurveyTarget(self.anchor + place @ self.axes, rate @ self.axes)
 
     def as_json(self) -> dict[str, object]:
         """What became of it."""
@@ -116,14 +116,14 @@ class Whereabouts:
     """Level unit vector (2,) to the wall."""
 
 
-class Waypoint(NamedTuple):
+class SurveyTarget(NamedTuple):
     """Place and velocity, NED (3,)."""
 
     position: Array
     velocity: Array
 
 
-def as_message(wanted: Waypoint, heard: LocalPosition, component: int) -> SetPositionTarget:
+def as_message(wanted: SurveyTarget, heard: LocalPosition, component: int) -> SetPositionTarget:
     """The wish as the message that a pilot would send to ``component``, stamped like the position behind it."""
     n, e, d = map(float, wanted.position)
     vn, ve, vd = map(float, wanted.velocity)
@@ -138,7 +138,7 @@ def aborted(survey: Survey, why: str) -> Survey:
     return replace(survey, phase=Phase.ABORTED, why=why) if survey.active else survey
 
 
-def advance(survey: Survey, box: SurveyBox, seen: Whereabouts) -> tuple[Survey, Waypoint | None]:
+def advance(survey: Survey, box: SurveyBox, seen: Whereabouts) -> tuple[Survey, SurveyTarget | None]:
     """The survey at ``seen.t_s``, and where the hold is to be; None while it has no wish."""
     if survey.phase in (Phase.DONE, Phase.ABORTED):
         return survey, None
@@ -177,7 +177,7 @@ def _begun(survey: Survey, box: SurveyBox, seen: Whereabouts) -> Survey:
     return Survey(Phase.FLYING, seen.t_s, seen.position.copy(), axes, legs)
 
 
-def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[Leg, ...]:
+def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[SurveyLeg, ...]:
     """Changes of (height, wall distance) from ``here``: down and up through the heights, from far to near the wall.
 
     Levels are closer together near a surface, where the air changes fastest. Between the columns it moves along the
@@ -197,13 +197,13 @@ Stop = tuple[float, float, float]
 """Height, wall distance, and how long to stay."""
 
 
-def _legs(at: tuple[float, float], stops: list[Stop]) -> tuple[Leg, ...]:
+def _legs(at: tuple[float, float], stops: list[Stop]) -> tuple[SurveyLeg, ...]:
     """From ``at`` by way of ``stops``, which are changes of height and wall distance."""
     legs = []
     for rise, away, stay_s in stops:
         length = math.dist(at, (rise, away))
         if length > 1e-6 or stay_s > 0.0:
-            legs.append(Leg(at, (rise, away), max(_PEAK * length / SPEED_M_S, 0.5), stay_s))
+            legs.append(SurveyLeg(at, (rise, away), max(_PEAK * length / SPEED_M_S, 0.5), stay_s))
         at = (rise, away)
     return tuple(legs)
 

@@ -18,7 +18,7 @@ _Places = Annotated[tuple[tuple[float, float], ...], Bounds(finite=False)]
 
 
 @dataclass(frozen=True)
-class Fan:
+class FanSetup:
     """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up.
 
     The lip is a semicircle, the ends of the hub are flat.
@@ -50,7 +50,7 @@ class Fan:
 
 
 @dataclass(frozen=True)
-class Rotor:
+class RotorSetup:
     """Two equal discs; pitch linear from the hub to the tip.
 
     Blades reach from ``root_radius`` to ``tip_radius`` (over R); between them and hub or duct lies a gap.
@@ -157,8 +157,8 @@ class Campaign:
 class Setup:
     """Everything a case needs but its position."""
 
-    fan: Fan
-    rotor: Rotor
+    fan: FanSetup
+    rotor: RotorSetup
     air: Air
     mesh: Mesh
     solver: Solver

@@ -43,7 +43,7 @@ NEAR = 0.3
 """Width, in the same coordinates, over which errors of places left out are averaged; 2 R and 1 R are 0.27 apart."""
 
 
-class Choice(NamedTuple):
+class KernelChoice(NamedTuple):
     """How one component is learnt: length, power with which the prior fades, noise."""
 
     length: float
@@ -51,7 +51,7 @@ class Choice(NamedTuple):
     noise: float
 
 
-CHOICES = tuple(Choice(*values) for values in itertools.product(LENGTHS, POWERS, NOISES))
+CHOICES = tuple(KernelChoice(*values) for values in itertools.product(LENGTHS, POWERS, NOISES))
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Correction:
     change: Array
     error_of_change: Array
     missed: Array
-    choice: tuple[Choice | None, ...] = (None,) * 6
+    choice: tuple[KernelChoice | None, ...] = (None,) * 6
 
     @property
     def learnt(self) -> Array:
@@ -151,14 +151,14 @@ class _Component:
     error: Array
     wall: bool
 
-    def predict(self, at: Array, choice: Choice | None) -> float:
+    def predict(self, at: Array, choice: KernelChoice | None) -> float:
         """Mean at coordinates (2,)."""
         if choice is None or not np.any(self.y):
             return 0.0
         known = np.linalg.solve(self._covariance(choice), self.y)
         return float(_kernel(at[None], self.x, choice, self.wall)[0] @ known)
 
-    def choose(self) -> Choice | None:
+    def choose(self) -> KernelChoice | None:
         """The choice with the least error at points left out one at a time; doubtful points count less.
 
         Residuals of a process that does not know the point: Rasmussen and Williams 2006, eq. 5.12.
@@ -192,7 +192,7 @@ class _Component:
             misses.append(self.y[i] - known.predict(self.x[i], known.choose()))
         return np.array(misses)
 
-    def _covariance(self, choice: Choice) -> Array:
+    def _covariance(self, choice: KernelChoice) -> Array:
         """(n, n), over the prior's variance at h = 1 R, which is that of the differences over what fading leaves.
 
         A case starts from the state of a neighbour: where the flow tips over, their errors have the same sign.
@@ -222,7 +222,7 @@ def _fade(x: Array, power: int, wall: bool) -> Array:
     return out * x[:, 1] if wall else out
 
 
-def _kernel(a: Array, b: Array, choice: Choice, wall: bool) -> Array:
+def _kernel(a: Array, b: Array, choice: KernelChoice, wall: bool) -> Array:
     left, right = (_fade(x, choice.power, wall) for x in (a, b))
     out: Array = left[:, None] * _rbf(a, b, choice.length) * right[None, :]
     return out

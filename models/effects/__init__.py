@@ -11,12 +11,12 @@ from pkgutil import iter_modules
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Effect, Flown, InFlight
+from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Effect, FlightUse, InFlight
 from models.errors import ModelError
 from models.frames import AXES, Array
 
 __all__ = [
-    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "adopted",
+    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "FlightUse", "InFlight", "adopted",
     "adopted_wrench", "catalogue", "corrected_state", "get",
 ]  # fmt: skip
 

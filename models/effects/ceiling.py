@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, where_seen
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, FlightUse, Shape, Shown, where_seen
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -41,7 +41,7 @@ EFFECT = Effect(
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
     coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
     wrenches=_wrenches,
-    in_flight=Flown(gain=True),
+    in_flight=FlightUse(gain=True),
     shapes=(Shape("scale", "1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
     lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),
     aliases=("thrust_scale",),

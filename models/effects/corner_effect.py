@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay
+from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -53,7 +53,7 @@ EFFECT = Effect(
         for rise in ("", "_rise")
     ),
     wrenches=_wrenches,
-    in_flight=Flown(gain=True),
+    in_flight=FlightUse(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),

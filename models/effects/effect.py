@@ -331,7 +331,7 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightUse:
     """What the flight program does with an adopted effect."""
 
     use: InFlight = InFlight.WRENCH
@@ -345,7 +345,7 @@ class Flown:
     """Those parameters by flights."""
 
 
-_SHOWN, _FLOWN, NOT_FLOWN = Shown(), Flown(), Flown(InFlight.NONE)
+_SHOWN, _FLOWN, NOT_FLOWN = Shown(), FlightUse(), FlightUse(InFlight.NONE)
 
 
 @dataclass(frozen=True)
@@ -406,7 +406,7 @@ class Effect:
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
     # What is made of it.
-    in_flight: Flown = _FLOWN
+    in_flight: FlightUse = _FLOWN
     shown: Shown = _SHOWN
 
     def regressors(self, ctx: Context, shape: tuple[float, ...]) -> Array:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
+from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
 from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
@@ -36,7 +36,7 @@ EFFECT = Effect(
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.15, centre=0.15),),
     wrenches=_wrenches,
-    in_flight=Flown(gain=True),
+    in_flight=FlightUse(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.3, 0.45, 0.7, 1.0, 1.4, 2.0)),),
     lacking=where_seen("h_m", "no height over ground in the log"),
     chance=lambda ctx: ctx.by_model(0.04, 0.3),

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, FlightUse, InFlight, Shape, Shown
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
@@ -59,6 +59,6 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("ground_effect", "vertical_inflow"),
     chance=0.03,
-    in_flight=Flown(InFlight.MEASUREMENT, corrected=_corrected),
+    in_flight=FlightUse(InFlight.MEASUREMENT, corrected=_corrected),
     shown=Shown(over_height, _words),
 )

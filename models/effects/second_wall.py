@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
 from models.effects.pictures import nearest, over_second_wall, percent
 from models.frames import Array
 
@@ -45,7 +45,7 @@ EFFECT = Effect(
         Coefficient("loss", "1", -1.0, 1.0, typical=0.1),
     ),
     wrenches=_wrenches,
-    in_flight=Flown(gain=True),
+    in_flight=FlightUse(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.5, 0.9, 1.4)),),
     lacking=where_seen("second_d_m", "no second wall was seen by a second horizontal rangefinder"),
     aliases=("wall_effect",),

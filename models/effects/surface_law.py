@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
+from models.effects.effect import Coefficient, Context, Effect, FlightUse, InFlight, Shape, Shown
 from models.effects.pictures import more, nearest, over_surfaces, percent
 from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
@@ -122,7 +122,9 @@ EFFECT = Effect(
     mixing=_mixing,
     shapes=tuple(Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS),
     lacking=_lacking,
-    in_flight=Flown(InFlight.MODEL, coverage=_seen, covered=tuple(cell_name("seen", k) for k in range(MEASURED.size))),
+    in_flight=FlightUse(
+        InFlight.MODEL, coverage=_seen, covered=tuple(cell_name("seen", k) for k in range(MEASURED.size))
+    ),
     remainder=True,
     exact=True,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),

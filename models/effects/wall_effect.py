@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
+from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -37,7 +37,7 @@ EFFECT = Effect(
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
     coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
     wrenches=_wrenches,
-    in_flight=Flown(gain=True),
+    in_flight=FlightUse(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.4, 0.7, 1.1, 1.7)),),
     lacking=where_seen("d_m", "no wall was seen"),
     chance=lambda ctx: ctx.by_model(0.05, 0.3),

@@ -15,7 +15,7 @@ from simflight import sent_and_decided, vehicle
 from companion.cli import main
 from companion.config import PipelineConfig
 from companion.control import survey as sv
-from companion.control.survey import Phase, Survey, Waypoint, Whereabouts, advance, plan
+from companion.control.survey import Phase, Survey, SurveyTarget, Whereabouts, advance, plan
 from companion.sim.autopilot import Mode
 from companion.survey_box import SurveyBox, read_box
 from models.errors import ConfigError
@@ -202,7 +202,7 @@ def test_a_wish_is_the_message_that_a_pilot_would_send():
     from companion.mavlink.samples import LocalPosition
 
     heard = LocalPosition(5.0, 1, 1, (0.0, 0.0, -1.0), (0.0, 0.0, 0.0))
-    message = sv.as_message(Waypoint(np.array([1.0, 2.0, -3.0]), np.zeros(3)), heard, 191)
+    message = sv.as_message(SurveyTarget(np.array([1.0, 2.0, -3.0]), np.zeros(3)), heard, 191)
     assert (message.position, message.frame, message.target_component) == ((1.0, 2.0, -3.0), 1, 191)
     assert message.type_mask & 0x3F == 0
     assert message.t_s == 5.0

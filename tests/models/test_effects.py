@@ -14,7 +14,7 @@ import models
 from companion import vehicles
 from companion.vehicles import default_vehicle
 from models.air_state import AirState, blank_state
-from models.effects import AdoptedEffect, Context, Flown, adopted, adopted_wrench, catalogue, corrected_state, get
+from models.effects import AdoptedEffect, Context, FlightUse, adopted, adopted_wrench, catalogue, corrected_state, get
 from models.errors import ModelError
 from models.frames import AXES
 from models.vehicle import Throttle, load_vehicle
@@ -154,7 +154,7 @@ def test_an_effect_says_itself_what_it_corrects(ctx: Context, monkeypatch: pytes
     slow = replace(
         get("range_offset"),
         name="slow_clock",
-        in_flight=Flown(corrected=lambda state, p: replace(state, time_s=state.time_s + p["offset_m"])),
+        in_flight=FlightUse(corrected=lambda state, p: replace(state, time_s=state.time_s + p["offset_m"])),
     )
     monkeypatch.setattr("models.effects.catalogue", lambda: (slow,))
     late = corrected_state([AdoptedEffect("slow_clock", {"offset_m": 0.5})], ctx.state)
