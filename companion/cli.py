@@ -194,7 +194,7 @@ def _fly(a: argparse.Namespace) -> int:
         upstream = page = None
         if config.base is Base.UPSTREAM:
             upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
-        recorder = None if a.record is None else stack.enter_context(Recorder(a.record))
+        recorder = None if a.record is None else stack.enter_context(closing(Recorder(a.record)))
         watchdog = stack.enter_context(closing(Watchdog()))
         if a.page is not None:
             page = stack.enter_context(closing(PageFeed(*read_address(a.page))))

@@ -21,7 +21,7 @@ from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.range_beams import dot, orientation_direction
+from companion.mavlink.range_beams import DOWN, dot, orientation_direction
 from companion.mavlink.samples import Quaternion, Sample
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 from companion.mavlink.wire_frames import Frame, unpacked
@@ -65,7 +65,6 @@ _SLEW_GAP_S = 0.1
 _FLIES_SHARE, _FLOWN_SHARE, _ABOVE_STANDING_M = 0.6, 0.02, 0.08
 """Lift, as the square of rotor speeds, that carries a vehicle, of that in flight; share of a new value in its average;
 and how much further away the ground is than where the vehicle stood."""
-_DOWN = (0.0, 0.0, 1.0)
 
 
 class Requirement(Enum):
@@ -88,7 +87,7 @@ class Requirement(Enum):
 
 @dataclass(slots=True)
 class Tally:
-    """how often one requirement was looked at, and how often it did not hold."""
+    """How often one requirement was looked at, and how often it did not hold."""
 
     checked: int = 0
     broken: int = 0
@@ -276,7 +275,7 @@ class Auditor:
                 for name in self._beams(sample):
                     heard.inputs_s[name] = sample.t_s
                 sees = sample.verdict is samples.RangeVerdict.OK and sample.direction_frd is not None
-                if sees and dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
+                if sees and dot(sample.direction_frd or DOWN, DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
             case samples.Ring() if any(distance == distance for distance in sample.distances_m):
                 heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = sample.t_s

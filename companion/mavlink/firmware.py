@@ -13,7 +13,6 @@ from functools import lru_cache
 
 from companion.mavlink.samples import Heartbeat
 
-ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _ARDUCOPTER_MODES = {
     0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
     11: "DRIFT", 13: "SPORT", 16: "POSHOLD", 17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL",

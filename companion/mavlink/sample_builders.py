@@ -21,6 +21,7 @@ def as_it_is(kind: type[samples.Sample]) -> Callable[..., samples.Sample]:
 
 
 def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int) -> samples.Heartbeat:
+    # 128: MAV_MODE_FLAG_SAFETY_ARMED.
     return samples.Heartbeat(*head, bool(base & 128), custom, autopilot, kind)
 
 

@@ -1,7 +1,7 @@
 """What messages become: frozen samples in SI, world NED, body FRD, quaternions w first.
 
-``t_s`` is seconds on the vehicle's boot axis (clock.py). Where a field may be NaN ("unknown") its docstring says so;
-every other number is finite.
+``t_s`` is seconds on the vehicle's boot axis (boot_clock.py). Where a field may be NaN ("unknown") its docstring says
+so; every other number is finite.
 """
 
 from __future__ import annotations

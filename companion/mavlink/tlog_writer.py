@@ -14,7 +14,6 @@ import struct
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 from models.errors import ConfigError
@@ -111,12 +110,6 @@ class Recorder:
         if self._file is not None:
             self._file.close()
         self._file = None
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
-        self.close()
 
 
 def _filled(text: str) -> str:

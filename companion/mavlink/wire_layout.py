@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import struct
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,9 +24,8 @@ NAN = math.nan
 
 @dataclass(frozen=True, slots=True)
 class WireFormat:
-    """``unpacker`` gives a flat tuple; ``places`` says which part of it each field is."""
+    """``places`` says which part of the flat tuple of a message's fields each field is."""
 
-    unpacker: struct.Struct
     places: dict[str, slice]
     dtype: np.dtype[Any]
     """Packed structured type, fields in wire order under their own names; text is bytes."""
@@ -47,7 +45,7 @@ def wire_format(message_id: int) -> WireFormat:
         places[name] = slice(at, at + width)
         at += width
         types.append((name, f"S{repeat}" if code == "s" else f"{repeat}<{code}"))
-    return WireFormat(kind.unpacker, places, np.dtype(types))
+    return WireFormat(places, np.dtype(types))
 
 
 PER_SI = {

@@ -208,7 +208,6 @@ class Body:
         v, rng = self.vehicle, random.Random(f"vehicle {self.seed}")
         self.radius = v.rotor_radius_m
         self._area = v.disc_area_m2
-        self.density = RHO_SEA_LEVEL
         self._per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
         self._fans = self._prepared_fans(rng)
         self._vane_gains = [n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD) for n in v.vanes]
@@ -280,7 +279,7 @@ class Body:
     def hover_drag(self) -> tuple[float, float]:
         """Momentum drag of all fans at hover thrust [N per m/s], and how far above the CG it acts [m]."""
         count = len(self._fans)
-        drag = count * math.sqrt(self.density * self._area * (self.vehicle.mass_kg * GRAVITY / count)) * self._ram
+        drag = count * math.sqrt(RHO_SEA_LEVEL * self._area * (self.vehicle.mass_kg * GRAVITY / count)) * self._ram
         return drag, DRAG_ARM_RADII * self.radius - sum(f.z for f in self._fans) / count
 
     @property
@@ -345,7 +344,7 @@ class Body:
             my += fan.x * t0
             for k, torque in zip(fan.rotors, fan.cq_torque, strict=True):
                 mz += torque * rpm[k] * rpm[k]
-            flow = math.sqrt(self.density * self._area * max(t0, 0.0)) * self._ram
+            flow = math.sqrt(RHO_SEA_LEVEL * self._area * max(t0, 0.0)) * self._ram
             corner = added(corner, corner_wrench(fan, t0, square, inc, radius, cb, sb))
             unsteady = added(unsteady, unsteady_wrench(fan, t0 * inc.rms, noise, 6 * i, radius))
             drag = added(drag, momentum_drag(fan, flow, u, v, radius))

@@ -26,7 +26,7 @@ from companion.sim.compare_report import Comparison, as_json, as_text
 from companion.sim.flight import Flight
 from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.model_error import model_error
-from companion.sim.scenario import Scenario, build
+from companion.sim.scenario import build
 from companion.sim.sensors import Estimator
 from companion.sim.world import default_model, law_of
 from companion.vehicles import chosen_vehicle
@@ -71,14 +71,11 @@ class Settings:
         """The model that flies."""
         return choose_to_fly(self.flown_vehicle, self.model, default_model(self.scenario))
 
-    def once(self, *, air: bool = True) -> Scenario:
-        """One approach."""
-        return build(self.scenario, self.flown_vehicle, air=air)
-
 
 def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
     """Fly one leg in lockstep and judge it: the same numbers on every machine, however busy."""
-    vehicle, once, several = settings.flown_vehicle, settings.once(air=leg is not Leg.FREE), settings.approaches > 1
+    vehicle, several = settings.flown_vehicle, settings.approaches > 1
+    once = build(settings.scenario, vehicle, air=leg is not Leg.FREE)
     config = None
     if leg is not Leg.AUTOPILOT:
         adapt = Adapt.FULL if leg is Leg.ADAPTED else Adapt.OFF
@@ -92,14 +89,13 @@ def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
 
 def run_compare(
     seeds: Sequence[int],
-    settings: Settings | None = None,
+    settings: Settings,
     *,
     legs: Sequence[Leg] | None = None,
     workers: int | None = None,
     quiet: bool = True,
 ) -> list[Flown]:
     """Fly every leg with every seed; ``workers`` of them at a time (default: one a core). Ordered by seed, then leg."""
-    settings = settings or Settings()
     workers = workers or os.cpu_count() or 1
     jobs = [(leg, seed) for seed in seeds for leg in legs or settings.legs]
     hidden = quiet or not sys.stderr.isatty()

@@ -92,10 +92,6 @@ def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) 
     return spread(flights, lambda f: f.rms(axis, f.during(approach, phase)))[0]
 
 
-def _touched_s(flights: Sequence[Flown]) -> float:
-    return spread(flights, lambda f: f.touched_s)[0]
-
-
 # -- JSON ------------------------------------------------------------------------------------------------------------
 
 
@@ -127,9 +123,10 @@ def _leg_json(leg: Leg, flights: Sequence[Flown], found: Comparison) -> dict[str
     def of_axis(axis: str) -> dict[str, dict[str, float]]:
         return {"rms": both(lambda f: f.rms(axis)), "peak": both(lambda f: f.peak(axis))}
 
+    touched_s, _ = spread(flights, lambda f: f.touched_s)
     numbers = {axis: of_axis(axis) for axis in AXES}
     approaches = _approaches_json(flights, found)
-    return {"who": leg.value, "touched_s": _touched_s(flights), **numbers, "approaches": approaches}
+    return {"who": leg.value, "touched_s": touched_s, **numbers, "approaches": approaches}
 
 
 def _flight_json(flight: Flown, found: Comparison) -> dict[str, Any]:
@@ -206,7 +203,7 @@ def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> st
             mean, sd = spread(flights, lambda f, number=number, axis=axis: getattr(f, number)(axis))  # type: ignore[misc]
             cell = f"{mean:.{digits}f} ± {sd:.{digits}f}" if wide else f"{mean:.{digits}f}"
             cells += f"{cell:>{column}}"
-    touched = _touched_s(flights)
+    touched, _ = spread(flights, lambda f: f.touched_s)
     return f"{leg.value:{_NAME}}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}"
 
 

@@ -7,7 +7,7 @@ an idle machine flies faster than real time. Stands in for the socket (``recv``,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -47,8 +47,6 @@ class Lockstep:
     after every physics step but for the hand-over at the end, which is not judged.
     """
 
-    fd = None
-
     def __init__(
         self,
         flight: Flight,
@@ -74,7 +72,7 @@ class Lockstep:
 
         Raises ConfigError where ``record`` cannot be written.
         """
-        with nullcontext() if record is None else Recorder(record) as recorder:
+        with nullcontext() if record is None else closing(Recorder(record)) as recorder:
             self._fly(config, recorder)
 
     def _fly(self, config: PipelineConfig | None, recorder: Recorder | None) -> None:

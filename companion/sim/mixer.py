@@ -28,9 +28,8 @@ class Mixer:
                 "vehicle file: fans and vanes cannot hold roll, pitch and yaw; "
                 "give each single-rotor 'fan' its 'ct' and 'cq', or add a 'vane'"
             )
-        inverse = np.linalg.pinv(full)  # (actuators, 4): share of hover lift / of vane travel per N and N m
-        self._fan_rows = [tuple(float(v) for v in row[1:]) for row in inverse[: len(fans)]]
-        self._vane_rows = [tuple(float(v) for v in row[1:]) for row in inverse[len(fans) :]]
+        rows = np.linalg.pinv(full)[:, 1:].tolist()  # (actuators, 3): share of hover lift / of vane travel per N m
+        self._fan_rows, self._vane_rows = rows[: len(fans)], rows[len(fans) :]
         self._hover = hover
         self._motor = motor
         self._fans = [[(r.esc or r.servo or 1) - 1 for r in fan.rotors] for fan in fans]

@@ -80,12 +80,9 @@ class Estimator:
         qz = z - y * ex + x * ey + w * ez
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
         unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
-        roll, pitch, yaw = euler(unit)
         return Estimate(
-            quaternion=unit,
-            roll=roll,
-            pitch=pitch,
-            yaw=yaw,
+            unit,
+            *euler(unit),
             rates=_sum(body.rates, self._gyro_bias, [gauss(0.0, 0.008) for _ in range(3)]),
             position=_sum(body.position, self._position_bias, [0.004 * v for v in where]),
             velocity=_sum(body.velocity, [0.01 * v for v in speed]),

@@ -112,7 +112,7 @@ def payload_of(length: int, rng: random.Random) -> bytes:
 
 def proper_frame(number: int, rng: random.Random) -> bytes:
     """A frame with a right checksum and any payload: what gets past the checksum."""
-    size = LAYOUTS[number].wire.unpacker.size
+    size = LAYOUTS[number].wire.dtype.itemsize
     payload = payload_of(rng.choice((size, size, size, rng.randrange(1, 256))), rng)
     system, component = rng.choice(SENDERS)
     return pack(number, payload, system, component, rng.randrange(256))

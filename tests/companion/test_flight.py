@@ -42,7 +42,7 @@ class Run:
         self.thread.join(5.0)
         assert not self.thread.is_alive()
         if self.recorder is not None:
-            self.recorder.__exit__(None, None, None)
+            self.recorder.close()
         self.link.close()
         if self.upstream is not None:
             self.upstream.close()

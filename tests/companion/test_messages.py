@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from companion.mavlink.boot_clock import BootClock, Stamp
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.dialect import MESSAGES, mavlink
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS, columns, decode
 from companion.mavlink.range_beams import orientation_direction
@@ -290,7 +290,7 @@ def frame_of(layout, payload):
 
 def fields_of(layout, payload):
     """The unpacked fields of a payload of any length."""
-    unpacker = layout.wire.unpacker
+    unpacker = MESSAGES[layout.id].unpacker
     return unpacker.unpack(payload[: unpacker.size].ljust(unpacker.size, b"\0"))
 
 

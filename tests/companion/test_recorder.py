@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -32,7 +33,7 @@ def fill(recorder: Recorder, frames: int) -> None:
 def test_an_existing_file_is_never_overwritten(tmp_path: Path):
     path = tmp_path / "flight.tlog"
     for frames in (3, 5, 7):
-        with Recorder(path) as recorder:
+        with closing(Recorder(path)) as recorder:
             fill(recorder, frames)
     sizes = {p.name: len(read_tlog(p)) for p in tmp_path.iterdir()}
     assert sizes == {"flight.tlog": 3, "flight-2.tlog": 5, "flight-3.tlog": 7}
@@ -46,7 +47,7 @@ def test_a_folder_or_a_template_names_by_date_and_boot(tmp_path: Path, name: str
     folder = tmp_path / "flights"
     folder.mkdir()
     for _ in range(2):  # within the same second
-        with Recorder(folder / name) as recorder:
+        with closing(Recorder(folder / name)) as recorder:
             fill(recorder, 1)
     names = sorted(p.name for p in folder.iterdir())
     assert len(names) == 2
@@ -65,7 +66,7 @@ def test_a_folder_that_takes_nothing_is_said_once_and_the_flight_goes_on(tmp_pat
 
     monkeypatch.setattr(tlog_writer.io, "FileIO", refuse)
     said: list[str] = []
-    with Recorder(tmp_path / "f.tlog", say=said.append) as recorder:
+    with closing(Recorder(tmp_path / "f.tlog", say=said.append)) as recorder:
         fill(recorder, 5)
         recorder.flush()
     assert len(said) == 1
@@ -87,7 +88,7 @@ class FullDisk(io.FileIO):
 def test_a_disk_that_runs_full_ends_the_recording_with_a_whole_frame(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(tlog_writer.io, "FileIO", FullDisk)
     said: list[str] = []
-    with Recorder(tmp_path / "f.tlog", say=said.append) as recorder:
+    with closing(Recorder(tmp_path / "f.tlog", say=said.append)) as recorder:
         fill(recorder, 10)
     assert len(said) == 1
     assert "full" in said[0]
@@ -97,7 +98,7 @@ def test_a_disk_that_runs_full_ends_the_recording_with_a_whole_frame(tmp_path: P
 
 def test_nobody_who_uses_it_as_a_library_is_written_to(tmp_path: Path, monkeypatch, caplog, capfd):
     monkeypatch.setattr(tlog_writer.io, "FileIO", FullDisk)
-    with Recorder(tmp_path / "f.tlog") as recorder:
+    with closing(Recorder(tmp_path / "f.tlog")) as recorder:
         fill(recorder, 10)
     assert "the disk is full" in caplog.text
     assert capfd.readouterr() == ("", "")
@@ -106,7 +107,7 @@ def test_nobody_who_uses_it_as_a_library_is_written_to(tmp_path: Path, monkeypat
 def test_it_stops_before_it_fills_the_disk(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(tlog_writer.shutil, "disk_usage", lambda _: SimpleNamespace(free=10 << 20))
     said: list[str] = []
-    with Recorder(tmp_path / "f.tlog", said.append) as recorder:
+    with closing(Recorder(tmp_path / "f.tlog", said.append)) as recorder:
         fill(recorder, 2)
         recorder.flush()
         fill(recorder, 2)

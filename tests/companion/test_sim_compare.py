@@ -190,7 +190,7 @@ def test_the_reference_in_the_truth_is_a_line_and_no_steps():
 
 def test_jobs_keep_their_order(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compare, "fly", lambda settings, which, seed: leg(which, seed, 0.0))
-    result = compare.run_compare([1, 2], legs=(Leg.OFF, Leg.ON), workers=1)
+    result = compare.run_compare([1, 2], compare.Settings(), legs=(Leg.OFF, Leg.ON), workers=1)
     assert [(f.seed, f.leg) for f in result] == [(1, Leg.OFF), (1, Leg.ON), (2, Leg.OFF), (2, Leg.ON)]
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import random
+from contextlib import closing
 
 import numpy as np
 from hypothesis import given, settings
@@ -40,7 +41,7 @@ def live(messages, path, config, cuts):
     """Decide as in flight: bytes in arbitrary pieces through the link's reader, both directions into the recorder."""
     reader, intake, state = FrameReader(), Intake(), initial_state(config)
     decisions, number = [], 0
-    with Recorder(path) as recorder:
+    with closing(Recorder(path)) as recorder:
         for arrival, raw in messages:
             split = cuts[number % len(cuts)] % len(raw)
             number += 1
