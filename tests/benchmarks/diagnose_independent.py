@@ -1,4 +1,4 @@
-"""Fly seeds of the second simulator (``independent/``) and see what ``replay diagnose`` makes of them.
+"""Fly seeds of the second simulator (``tests/simulators/independent/``) and see what ``replay diagnose`` makes of them.
 
 ``python tests/benchmarks/diagnose_independent.py --seed 1 2 [--only TEXT...] [--jobs N] [--json FILE]``. Flights go to
 a cache folder (or ``--keep DIR``), once. Seeds from 100 on are held out. Everything is simulated.
@@ -18,9 +18,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from zlib import crc32
 
+import simulators_path  # noqa: F401
 from independent.cases import HELD_OUT, Case
-from independent.judge import NEEDED, Judgement, judge, needed_of, share
 from independent.make import make, read_truth, stem
+from independent_judge import NEEDED, Judgement, judge, needed_of, share
 from result_file import add_option, counted, write_result
 
 REPO = Path(__file__).resolve().parents[2]

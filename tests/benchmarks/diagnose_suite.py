@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from flights.judge import Judgement, judge, share
+import simulators_path  # noqa: F401
 from flights.make import make_round
 from flights.scenarios import HELD_OUT_ROUND, scenarios
+from flights_judge import Judgement, judge, share
 from result_file import add_option, counted, write_result
 
 REPO = Path(__file__).resolve().parents[2]

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from flights.judge import share
+from flights_judge import share
 from measured.answers import DATA, Asked, weight_n
 from measured.judge import Judgement, judge, judge_refusal
 from measured.known import TABLE, Flight, Known, read

@@ -23,7 +23,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from flights.judge import share
+from flights_judge import share
 from measured.answers import DATA, Asked, ask, train, weight_n
 from measured.changes import CHANGES, changed
 from measured.judge import BEST_FACTOR, Judgement, judge, judge_refusal

@@ -17,7 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flights.judge import share, wilson
+from flights_judge import share, wilson
 
 PROBABILITY, Q_VALUE = "probability", "1 - q_value"
 EDGES = {

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from flights.judge import share
+from flights_judge import share
 from measured.answers import DATA, REPO
 from measured.known import TABLE, Flight, read
 from result_file import add_option, counted, write_result

@@ -22,6 +22,7 @@ from companion.mavlink.wire_frames import cut
 from replay.logs.tlog import read_tlog
 
 Edit = Callable[[Any], bool | None]
+OWN = replace(config("tandem"), dry_run=True)
 
 
 def hover(p: CasePilot) -> Iterator[float]:
@@ -38,10 +39,9 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def checked(flight: Path, edits: dict[str, Edit] | None = None, **setup: Any) -> dict[str, Item]:
-    """The items by name, of the flight with messages changed."""
-    own = replace(config("tandem"), dry_run=True)
-    listener, parser, writer = Listener(own), mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
+def listened(flight: Path, edits: dict[str, Edit] | None = None) -> Listener:
+    """The flight heard, with messages changed."""
+    listener, parser, writer = Listener(OWN), mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
     for arrival_us, raw in read_tlog(flight).frames():
         frame = cut(raw, 0)
         kind = mavlink.mavlink_map.get(frame.id)
@@ -52,11 +52,22 @@ def checked(flight: Path, edits: dict[str, Edit] | None = None, **setup: Any) ->
                 continue
             frame = cut(bytes(message.pack(writer)), 0)
         listener.hear(arrival_us, frame)
-    return {i.name: i for i in items(listener, Setup(own, "vehicle", **{"live": False, **setup}))}
+    return listener
 
 
-def test_a_good_flight_passes_every_item(flight):
-    found = checked(flight)
+@pytest.fixture(scope="module")
+def heard(flight: Path) -> Listener:
+    """The flight as it is; its items are read off it, and change nothing of it."""
+    return listened(flight)
+
+
+def checked(heard: Listener, **setup: Any) -> dict[str, Item]:
+    """The items by name."""
+    return {i.name: i for i in items(heard, Setup(OWN, "vehicle", **{"live": False, **setup}))}
+
+
+def test_a_good_flight_passes_every_item(heard):
+    found = checked(heard)
     assert {name for name, item in found.items() if item.verdict is not Verdict.PASS} == set()
     assert {"autopilot", "GUID_OPTIONS", "range 25", "range 2", "rotor speeds", "lift in hover", "hover thrust"} <= set(
         found
@@ -127,26 +138,25 @@ WRONG = {
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_said_by_name_with_what_to_set(flight, name):
     edits, item, verdict, do = WRONG[name]
-    found = checked(flight, edits)
+    found = checked(listened(flight, edits))
     assert found[item].verdict.value == verdict, found[item]
     assert do is None or do in (found[item].do or "")
     assert verdict != "fail" or not may_fly(found.values())
 
 
-def test_a_key_that_nothing_is_signed_with_fails_and_a_record_folder_that_is_none(flight, tmp_path):
-    assert checked(flight, signed=True)["signing"].verdict is Verdict.FAIL
-    good = checked(flight, live=True, record=tmp_path)
+def test_a_key_that_nothing_is_signed_with_fails_and_a_record_folder_that_is_none(heard, tmp_path):
+    assert checked(heard, signed=True)["signing"].verdict is Verdict.FAIL
+    good = checked(heard, live=True, record=tmp_path)
     assert good["record"].verdict is Verdict.PASS
     assert not list(tmp_path.iterdir()), "the probe is gone"
-    assert checked(flight, live=True, record=tmp_path / "no" / "f.tlog")["record"].verdict is Verdict.FAIL
-    assert checked(flight, live=True)["record"].verdict is Verdict.WARN
+    assert checked(heard, live=True, record=tmp_path / "no" / "f.tlog")["record"].verdict is Verdict.FAIL
+    assert checked(heard, live=True)["record"].verdict is Verdict.WARN
 
 
-def test_reading_a_log_is_hearing_it(flight):
-    own = replace(config("tandem"), dry_run=True)
-    listener = Listener(own)
+def test_reading_a_log_is_hearing_it(flight, heard):
+    listener = Listener(OWN)
     read_log(flight, listener)
-    assert {i.name: i for i in items(listener, Setup(own, "vehicle", live=False))} == checked(flight)
+    assert checked(listener) == checked(heard)
 
 
 def test_the_command_reads_a_log(flight, capsys):
@@ -189,10 +199,8 @@ def test_nothing_heard_is_not_fit_to_fly():
 
 
 def test_poses_of_a_camera_are_named_where_they_are_not_flown_by(flight):
-    own = replace(config("tandem"), dry_run=True)
-
     def found(*, position: bool) -> list[Item]:
-        listener, link = Listener(own), mavlink.MAVLink(None, 1, 197)
+        listener, link = Listener(OWN), mavlink.MAVLink(None, 1, 197)
         place = mavlink.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
         pose = mavlink.MAVLink_vision_position_estimate_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
         for k, (arrival_us, raw) in enumerate(read_tlog(flight).frames()):
@@ -202,7 +210,7 @@ def test_poses_of_a_camera_are_named_where_they_are_not_flown_by(flight):
             if k % 100 == 99:
                 for message in (place, pose):
                     listener.hear(arrival_us, cut(bytes(message.pack(link)), 0))
-        return [i for i in items(listener, Setup(own, "vehicle", live=False)) if i.name == "position"]
+        return [i for i in items(listener, Setup(OWN, "vehicle", live=False)) if i.name == "position"]
 
     left_out, good = found(position=True)
     assert left_out.verdict is Verdict.WARN

@@ -8,6 +8,7 @@ import sys
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 
+from companion.cli import main
 from companion.vehicles import QUAD, TANDEM
 
 
@@ -65,8 +66,13 @@ def test_flight_imports_neither_torch_nor_scipy():
         (["--connect", "udp:127.0.0.1:5", "--carrier", "acceleration", "--setpoint", "udpin:h:6"], 2, ["--carrier"]),
     ],
 )  # fmt: skip
-def test_wrong_arguments_are_one_line(arguments, code, words):
-    one_line(companion(*arguments), code, *words)
+def test_wrong_arguments_are_one_line(arguments, code, words, capsys):
+    """In this process: the tests below start one of its own, with arguments as wrong."""
+    try:
+        returned = main(arguments)
+    except SystemExit as stop:
+        returned = stop.code
+    one_line(subprocess.CompletedProcess(arguments, returned, stderr=capsys.readouterr().err), code, *words)
 
 
 def test_unknown_options_are_the_parsers_business():

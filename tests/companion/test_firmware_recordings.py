@@ -19,13 +19,19 @@ from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 
-def recording(shared_data: Path, name: str) -> list[Decision]:
+def recording(shared_data: Path, name: str, *, begun: bool = False) -> list[Decision]:
+    """Decisions of a recording; ``begun``: up to the first that is flown."""
     log = shared_data / "firmware" / f"{name}.tlog"
     vehicle = log.parent / ("quad.toml" if log.parent.name == "px4" else "quad3.toml")
     if not log.exists():
         pytest.skip(f"no recording at {log}")
     config = PipelineConfig(load_vehicle(vehicle), models.load())
-    return list(Replay(config).decisions(read_tlog(log).frames()))
+    decisions = []
+    for decision in Replay(config).decisions(read_tlog(log).frames()):
+        decisions.append(decision)
+        if begun and flown([decision]):
+            break
+    return decisions
 
 
 def stepped(shared_data: Path, name: str):
@@ -47,7 +53,7 @@ def flown(decisions: list[Decision]) -> list[Decision]:
 
 def test_px4_excursion_before_offboard(shared_data):
     """The pilot was 4 m away when he switched: nothing leads back to where the companion was started."""
-    decisions = recording(shared_data, "px4/crash_hold_engaged_before_offboard")
+    decisions = recording(shared_data, "px4/crash_hold_engaged_before_offboard", begun=True)
     waiting = [d for d in decisions if Reason.WRONG_MODE in d.reasons and d.command is not None and d.t_s < 36.0]
     assert len(waiting) > 100, "OFFBOARD needs a stream"
     for decision in waiting:
@@ -73,7 +79,9 @@ def test_px4_stall(shared_data):
     """SIGSTOP for 3 s: what was learned is still known, and flown, when data come again."""
     engaged = []
     for state, decision in stepped(shared_data, "px4/crash_companion_stalled_3s"):
-        if decision is not None and 48.5 < decision.t_s < 50.0:
+        if decision is not None and decision.t_s >= 50.0:
+            break
+        if decision is not None and decision.t_s > 48.5:
             assert state.hover.learned == pytest.approx(0.70, abs=0.01)
             assert state.parameters["MPC_THR_HOVER"] == pytest.approx(0.70)
             engaged.append(isinstance(decision.command, AttitudeCommand))
@@ -105,9 +113,9 @@ def test_a_good_flight_is_not_taken_for_a_swing(shared_data, name):
 
 
 def test_ardupilot_thrust_as_climb_rate_until_the_option_is_set(shared_data):
-    decisions = recording(shared_data, "ardupilot/crash_body_frame_target")
-    assert not [d for d in flown(decisions) if d.t_s < 54.0], "GUID_OPTIONS is 0 until then"
-    first = flown(decisions)[0]
+    first = recording(shared_data, "ardupilot/crash_body_frame_target", begun=True)[-1]
+    assert flown([first])
+    assert first.t_s >= 54.0, "GUID_OPTIONS is 0 until then"
     assert first.command.thrust == pytest.approx(0.437, abs=0.01), "flown then: 0.436; MOT_THST_HOVER says 0.39"
 
 

@@ -74,6 +74,18 @@ def rows() -> list[Row]:
     return [row(p) for p in (*campaign.plan(SETUP, "half"), *full)]
 
 
+@pytest.fixture(scope="module")
+def made(rows):
+    """The set of these rows, to be read by tests, not changed."""
+    return assemble(rows, SETUP)
+
+
+@pytest.fixture(scope="module")
+def checked(rows):
+    """The check of these rows, to be read by tests, not changed."""
+    return check(rows, SETUP)
+
+
 def at(made, h: float, d: float, rpm: float) -> int:
     radius = SETUP.fan.radius_m
     (index,) = np.flatnonzero(
@@ -82,8 +94,7 @@ def at(made, h: float, d: float, rpm: float) -> int:
     return int(index)
 
 
-def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(rows):
-    made = assemble(rows, SETUP)
+def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(made):
     for k, a in EXPONENT.items():
         assert made.law.exponent[k] == pytest.approx(a, abs=1e-3)
     assert made.law.free == pytest.approx(FREE_EXPONENT, abs=1e-6)
@@ -101,8 +112,7 @@ def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(rows):
     assert sum(count.values()) == len(made.marks)
 
 
-def test_the_set_is_read_by_the_trainer_and_the_marks_lie_beside_it(tmp_path, rows):
-    made = assemble(rows, SETUP)
+def test_the_set_is_read_by_the_trainer_and_the_marks_lie_beside_it(tmp_path, made):
     write_data(tmp_path / "set.csv", made)
     write_marks(tmp_path / "marks.csv", made)
     data = dataset.read(tmp_path / "set.csv")
@@ -168,13 +178,13 @@ def test_the_error_of_the_mean_covers_it_for_correlated_samples():
     assert np.isnan(error_of_mean(np.ones((3, 6)))).all()
 
 
-def test_sigma_is_the_error_of_the_mean_and_amplitude_the_swing(rows):
+def test_sigma_is_the_error_of_the_mean_and_amplitude_the_swing(rows, made):
     place = Position(1.75, 1.0, 4000.0)
     swing = {"swing": (0.2, 0, 0.9, 0, 0.02, 0), "error": (0.02, 0, 0.05, 0, 0.002, 0)}
     changed = [row(place, "averaged", **swing) if r.position == place else r for r in rows]
-    made, before = assemble(changed, SETUP), assemble(rows, SETUP)
-    index = at(made, 1.75, 1.0, 4000.0)
-    mark, usual = made.marks[index], before.marks[index]
+    swung = assemble(changed, SETUP)
+    index = at(swung, 1.75, 1.0, 4000.0)
+    mark, usual = swung.marks[index], made.marks[index]
     assert mark.status == "averaged"
     assert mark.amplitude[2] == pytest.approx(0.9)
     expected = math.sqrt(usual.sigma[2] ** 2 - 0.02**2 + 0.05**2)
@@ -280,8 +290,7 @@ def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_
     assert made.marks[solved].scatter[0] < 0.1
 
 
-def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(rows):
-    made = assemble(rows, SETUP)
+def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(made):
     here = at(made, 2.0, 1.0, 4000.0)
     assert made.table[here, [4, 6, 8]] == pytest.approx([0.05, 0.01, 0.03])
     filled = at(made, 1.75, 1.0, 4000.0)
@@ -333,8 +342,7 @@ def test_a_broken_table_is_named(tmp_path, rows, spoil, words, capsys):
     assert str(path) in capsys.readouterr().err
 
 
-def test_the_check_says_what_agrees_and_what_does_not(rows):
-    checked = check(rows, SETUP)
+def test_the_check_says_what_agrees_and_what_does_not(rows, checked):
     verdict = {s.claim: s.verdict for s in checked.statements}
     assert len(verdict) == 14
     assert verdict["lift ratio rises as the ground comes near"] == AGREES
@@ -374,13 +382,13 @@ def test_the_check_says_nothing_of_places_that_are_not_there(rows):
         check([r for r in rows if r.position.place != (INF, INF)], SETUP)
 
 
-def test_the_command_writes_the_set(tmp_path, rows, capsys):
+def test_the_command_writes_the_set(tmp_path, rows, checked, capsys):
     table.write(tmp_path / "cases.csv", rows)
     source = ["--cases", str(tmp_path / "cases.csv")]
     assert main(["cfd", "assemble", *source, "--out", str(tmp_path / "out")]) == 0
     assert "136 from the solver" in capsys.readouterr().out
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
-    found = summary(check(rows, SETUP), rows, SETUP)
+    found = summary(checked, rows, SETUP)
     assert found["positions"] == 110
     assert found["made"]["solved"] + found["made"]["corrected"] == 136
     assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2

@@ -29,6 +29,14 @@ def log(tmp_path):
     return path
 
 
+@pytest.fixture(scope="module")
+def csv_file(tmp_path_factory):
+    """The same log as CSV, to be read by tests, not changed."""
+    path = tmp_path_factory.mktemp("csv") / "flight.tlog"
+    write_tlog(path, flight(12.0))
+    return exported(path, "csv")
+
+
 @pytest.fixture
 def mcap_reader():
     return pytest.importorskip("mcap.reader", reason="mcap is not installed (extra: export)")
@@ -58,8 +66,8 @@ def decided(log):
     return list(replay.decisions(frames) if frames else replay.decisions_on(samples(load(log)[0])))
 
 
-def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log):
-    rows = {float(r["time_s"]): r for r in rows_of(exported(log, "csv"))}
+def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log, csv_file):
+    rows = {float(r["time_s"]): r for r in rows_of(csv_file)}
     decisions = decided(log)
     assert len(decisions) > 500
     assert any(d.offset.thrust for d in decisions)
@@ -93,9 +101,9 @@ def test_a_dataflash_log_has_decisions_too(tmp_path):
     assert [r["refusals"] for r in rows] == ["; ".join(x.value for x in d.reasons) or "none" for d in decisions]
 
 
-def test_csv_loads_as_plotjuggler_reads_it(log):
+def test_csv_loads_as_plotjuggler_reads_it(csv_file):
     """One header line of distinct names, as many cells in every line, time as a number that never falls."""
-    with exported(log, "csv").open(newline="") as file:
+    with csv_file.open(newline="") as file:
         header, *lines = csv.reader(file)
     assert len(set(header)) == len(header)
     assert all(len(line) == len(header) for line in lines)
@@ -105,8 +113,8 @@ def test_csv_loads_as_plotjuggler_reads_it(log):
             assert all(np.isfinite(float(line[k])) for line in lines if line[k])
 
 
-def test_mcap_says_what_the_csv_says(log, mcap_reader):
-    rows = rows_of(exported(log, "csv"))
+def test_mcap_says_what_the_csv_says(log, csv_file, mcap_reader):
+    rows = rows_of(csv_file)
     got, last = {}, 0
     for schema, channel, message, content in messages_of(mcap_reader, exported(log, "mcap")):
         assert schema.encoding == "jsonschema"
@@ -125,10 +133,10 @@ def test_mcap_says_what_the_csv_says(log, mcap_reader):
         assert {n: v if isinstance(v, str) else f"{v:.10g}" for n, v in got[time].items()} == cells
 
 
-def test_parquet_has_refusals_as_text(log):
+def test_parquet_has_refusals_as_text(log, csv_file):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra: export)")
     table = parquet.read_table(exported(log, "parquet"))
-    assert [x or "" for x in table["refusals"].to_pylist()] == [r["refusals"] for r in rows_of(exported(log, "csv"))]
+    assert [x or "" for x in table["refusals"].to_pylist()] == [r["refusals"] for r in rows_of(csv_file)]
     assert table.schema.metadata[b"vehicle"] == default_vehicle().name.encode()
 
 

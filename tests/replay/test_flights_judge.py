@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import pytest
 import reliability
-from flights.judge import judge, rms_ratio, wilson
+from flights_judge import judge, rms_ratio, wilson
 
 AXES = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
 

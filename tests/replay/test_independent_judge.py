@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from independent.judge import claimed_size, judge, share
+from independent_judge import claimed_size, judge, share
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

@@ -11,11 +11,11 @@ from log_writers import quad_flight, write_tlog
 
 from companion.vehicles import QUAD
 
-FLIGHTS = {
-    "heavy_short": quad_flight(30.0, mass_kg=3.3),
-    "heavy_long": quad_flight(60.0, mass_kg=3.3, seed=3),
-    "nothing_missing": quad_flight(40.0, seed=5),
-    "gust": quad_flight(40.0, gust_n=1.5, seed=7),
+FLIGHTS: dict[str, dict[str, float]] = {
+    "heavy_short": {"seconds": 30.0, "mass_kg": 3.3},
+    "heavy_long": {"seconds": 60.0, "mass_kg": 3.3, "seed": 3},
+    "nothing_missing": {"seconds": 40.0, "seed": 5},
+    "gust": {"seconds": 40.0, "gust_n": 1.5, "seed": 7},
 }
 TOGETHER = ("heavy_short", "heavy_long")
 
@@ -31,8 +31,8 @@ def usable() -> tuple[Kernel, ...]:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_names_and_sizes_do_not_depend_on_the_kernel(usable: tuple[Kernel, ...], tmp_path: Path) -> None:
-    for name, messages in FLIGHTS.items():
-        write_tlog(tmp_path / f"{name}.tlog", messages)
+    for name, options in FLIGHTS.items():
+        write_tlog(tmp_path / f"{name}.tlog", quad_flight(**options))
     jobs = [Job(name, (tmp_path / f"{name}.tlog",), Path(str(QUAD))) for name in FLIGHTS]
     jobs.append(Job("together", tuple(tmp_path / f"{name}.tlog" for name in TOGETHER), Path(str(QUAD))))
     answers = kernels.run(jobs, usable, at_a_time=2, timeout_s=600.0)

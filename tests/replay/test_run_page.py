@@ -17,12 +17,18 @@ from replay.rerun import history
 from replay.rerun.history import History
 
 
-@pytest.fixture
-def written(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def near(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A hover of the default vehicle near ground and wall, whose log holds every parameter."""
-    write_tlog(tmp_path / "near.tlog", flight(20.0))
-    assert main(["run", str(tmp_path / "near.tlog"), "--report", str(tmp_path / "report"), "--quiet"]) == 0
-    return tmp_path / "report" / "report.html"
+    path = tmp_path_factory.mktemp("near") / "near.tlog"
+    write_tlog(path, flight(20.0))
+    return path
+
+
+@pytest.fixture(scope="module")
+def written(near: Path) -> Path:
+    assert main(["run", str(near), "--report", str(near.parent / "report"), "--quiet"]) == 0
+    return near.parent / "report" / "report.html"
 
 
 def test_the_page_says_first_what_would_have_been_done_and_what_is_next(written: Path) -> None:
@@ -36,10 +42,8 @@ def test_the_page_says_first_what_would_have_been_done_and_what_is_next(written:
 
 
 @pytest.mark.slow
-def test_reasons_are_those_of_the_text_report(
-    written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["run", str(tmp_path / "near.tlog")]) == 0
+def test_reasons_are_those_of_the_text_report(near: Path, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", str(near)]) == 0
     text, html = capsys.readouterr().out, written.read_text()
     shown = [reason for reason in Reason if reason.value in html]
     assert shown

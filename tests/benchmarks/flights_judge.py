@@ -1,4 +1,7 @@
-"""Is an answer of ``replay diagnose`` right? Rules fixed before any result; ``docs/lab/diagnose-suite.md``."""
+"""Is an answer of ``replay diagnose`` on a flight of the first simulator right?
+
+The rules were fixed before any result; ``docs/lab/diagnose-suite.md``.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,17 @@ from typing import Any
 import numpy as np
 from stated import Statement, statement
 
-from .scenarios import ALIAS_CLASSES, STATIC_PART
-
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+ALIAS_CLASSES: tuple[tuple[frozenset[str], str], ...] = (
+    (frozenset({"payload", "thrust_scale", "air_density"}), "IMU and rpm see only the ratio of thrust to mass"),
+    (frozenset({"battery_sag", "thermal_derating"}), "one flight empties the pack and heats the motors together"),
+    (frozenset({"rotor_drag", "body_drag"}), "linear and quadratic drag differ only over a wide range of speeds"),
+)
+"""Pairs that one flight may not tell apart: a name from the true effect's class counts if ``aliases`` says both."""
+
+STATIC_PART: dict[str, frozenset[str]] = {"slung_load": frozenset({"payload"})}
+"""Names that may come along with a true one because it contains them: a hanging load is also a payload."""
+
 THRUST_TO_MASS = ALIAS_CLASSES[0][0]
 MUST_FIND = ("bad_mass_low", "bad_mass_high", "bad_reboot_payload", "bad_two_vehicles_wind")
 REFUSABLE = ("bad_no_rpm", "bad_no_imu", "bad_20s", "bad_20s_wind")

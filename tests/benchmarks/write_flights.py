@@ -1,16 +1,18 @@
-"""``python tests/benchmarks/flights --out DIR``: write a round of simulated flights (resumes where it stopped)."""
+"""``python tests/benchmarks/write_flights.py --out DIR``: write a round of simulated flights.
+
+It resumes where it stopped. ``docs/lab/diagnose-suite.md`` says what flies.
+"""
 
 import argparse
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
+import simulators_path  # noqa: F401
 from flights.make import make_round
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="flights", description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--out", type=Path, required=True, help="folder for tlogs, vehicle files, table.csv, truth.json"
     )

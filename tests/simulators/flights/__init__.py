@@ -6,6 +6,6 @@ MAVLink files. Every flight is simulated; nothing is measured. ``docs/lab/diagno
 Layout: ``craft`` (vehicles), ``near_wall`` (declared air and its table), ``plan`` (manoeuvres), ``rotor_flow``
 (momentum and blade-element theory), ``effects`` and ``unlisted`` (what is undeclared), ``power`` (battery, motors),
 ``pilot`` (autopilot), ``world`` (the 6-DOF loop, all flights of a batch side by side), ``recorder`` (sensors, tlog),
-``oracle`` (residual before and after removing the true effect), ``scenarios`` (which flights), ``judge`` (which answers
-are right), ``make`` (files).
+``oracle`` (residual before and after removing the true effect), ``scenarios`` (which flights), ``make`` (files).
+``tests/benchmarks/flights_judge.py`` says which answers are right.
 """

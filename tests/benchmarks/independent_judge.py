@@ -1,5 +1,6 @@
-"""Is an answer of ``replay diagnose`` right? By the physics of the flights; ``docs/lab/independent-simulator.md``
-says what was corrected after answers were seen.
+"""Is an answer of ``replay diagnose`` on a flight of the second simulator right? By the physics of the flights.
+
+``docs/lab/independent-simulator.md`` says what was corrected after answers were seen.
 
 An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
 is there but smaller may be named, in its own size. What is not there (less than 0.1 %) may not.

@@ -1,4 +1,4 @@
-"""Which flights there are, and what a right answer to each is. Fixed before any diagnosis was run on them.
+"""Which flights there are, and which verdict each asks for. Fixed before any diagnosis was run on them.
 
 A *round* is one full set of flights with its own seeds; rounds from ``HELD_OUT_ROUND`` on are shown to nobody who works
 on the diagnosis and serve for the final figures only.
@@ -20,16 +20,6 @@ from .world import Job
 
 HELD_OUT_ROUND = 100
 FLIGHT_S = 170.0
-
-ALIAS_CLASSES: tuple[tuple[frozenset[str], str], ...] = (
-    (frozenset({"payload", "thrust_scale", "air_density"}), "IMU and rpm see only the ratio of thrust to mass"),
-    (frozenset({"battery_sag", "thermal_derating"}), "one flight empties the pack and heats the motors together"),
-    (frozenset({"rotor_drag", "body_drag"}), "linear and quadratic drag differ only over a wide range of speeds"),
-)
-"""Pairs that one flight may not tell apart: a name from the true effect's class counts if ``aliases`` says both."""
-
-STATIC_PART: dict[str, frozenset[str]] = {"slung_load": frozenset({"payload"})}
-"""Names that may come along with a true one because it contains them: a hanging load is also a payload."""
 
 
 @dataclass(frozen=True)
