@@ -83,7 +83,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Setup:
+class CheckSetup:
     """What the command line says beside the vehicle."""
 
     config: PipelineConfig
@@ -170,7 +170,7 @@ def read_log(path: Path, listener: Listener) -> None:
         listener.hear(int.from_bytes(data[i : i + 8], "big"), cut(data, i + 8))
 
 
-def items(heard: Listener, setup: Setup) -> list[Item]:
+def items(heard: Listener, setup: CheckSetup) -> list[Item]:
     """Everything that was looked at, in the order of the table."""
     out = [*_vehicle_file(setup), *_autopilot(heard, setup)]
     if heard.state.heartbeat is not None:
@@ -211,7 +211,7 @@ def _judged(name: str, text: str, *faults: Fault) -> Item:
     return Item(name, Verdict.PASS, text)
 
 
-def _vehicle_file(setup: Setup) -> Iterator[Item]:
+def _vehicle_file(setup: CheckSetup) -> Iterator[Item]:
     vehicle, odd = setup.config.vehicle, warnings(setup.config.vehicle)
     for text in odd or [f"{vehicle.name}, {vehicle.mass_kg:g} kg"]:
         yield Item("vehicle file", _WARN if odd else Verdict.PASS, f"{setup.vehicle_file}: {text}")
@@ -219,7 +219,7 @@ def _vehicle_file(setup: Setup) -> Iterator[Item]:
         yield Item("model", _WARN, setup.model_note, "train or identify one of this vehicle, and give it with --model")
 
 
-def _autopilot(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _autopilot(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     beat = heard.state.heartbeat
     if beat is None:
         what = f"{heard.frames} messages but no HEARTBEAT of an autopilot" if heard.frames else "nothing was heard"
@@ -239,7 +239,7 @@ def _autopilot(heard: Listener, setup: Setup) -> Iterator[Item]:
         yield Item("vehicle type", _FAIL, text, "set MAV_TYPE to 2 (quad)")
 
 
-def _parameters(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _parameters(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     beat, known = heard.state.heartbeat, heard.state.parameters
     assert beat is not None
     stack = stack_of(beat)
@@ -270,7 +270,7 @@ def _hz(samples: Iterable[Sample]) -> float:
     return (len(stamps) - 1) / span if span > 0.0 else 0.0
 
 
-def _rates(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _rates(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     attitudes = Counter(sample.source for sample in heard.samples[samples.Attitude]).most_common(1)
     hz = _hz(a for a in heard.samples[samples.Attitude] if a.source == attitudes[0][0])
     yield _rate("attitude rate", "ATTITUDE_QUATERNION", hz, 10.0, 25.0)
@@ -291,7 +291,7 @@ def _rate(name: str, message: str, hz: float, least: float, good: float, text: s
     )  # fmt: skip
 
 
-def _ranges(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     declared, rings = setup.config.vehicle.rangefinders, heard.samples[samples.Ring]
     for sensor in declared:
         if sensor.target != "none" and not sensor.ring:
@@ -345,7 +345,7 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
     return slow if found.verdict is Verdict.PASS else found
 
 
-def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     vehicle = setup.config.vehicle
     if not vehicle.telemetered:
         return
@@ -379,7 +379,7 @@ def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
         yield _judged("lift in hover", text, (not low <= lift <= high, _FAIL, "", do))
 
 
-def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _hover(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     hover, declared = heard.state.hover, setup.config.vehicle.hover_thrust
     flown = hover.seconds >= LEARNED_S
     theirs = hover.learned if flown else hover_parameter(heard.state.parameters)
@@ -390,7 +390,7 @@ def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
         yield _judged("hover thrust", text, fault)
 
 
-def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _position(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     if setup.config.base is not Base.HOLD:
         return
     for message_id, component in sorted(heard.intake.not_the_autopilots):
@@ -408,7 +408,7 @@ def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
         yield _judged("position", text, (not trusted, _FAIL, "", "wait for GPS, vision or optical flow"))
 
 
-def _clock(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _clock(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     late = sorted(sample.late_s for sample in heard.samples[samples.Attitude])
     if late:
         most = late[min(int(0.95 * len(late)), len(late) - 1)]
@@ -421,7 +421,7 @@ def _clock(heard: Listener, setup: Setup) -> Iterator[Item]:
         yield Item("autopilot's clock", _FAIL, f"went back {boots} times: reboots, or two autopilots of one id")
 
 
-def _signing(heard: Listener, setup: Setup) -> Iterator[Item]:
+def _signing(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     if heard.frames:
         mine, theirs = setup.signed, heard.signed
         yield _judged(
@@ -431,7 +431,7 @@ def _signing(heard: Listener, setup: Setup) -> Iterator[Item]:
         )  # fmt: skip
 
 
-def _record(setup: Setup) -> Iterator[Item]:
+def _record(setup: CheckSetup) -> Iterator[Item]:
     if not setup.live:
         return
     if setup.record is None:

@@ -159,7 +159,7 @@ def _preflight(a: argparse.Namespace) -> int:
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
             Flight(config, link, None, listener, arrivals, options).run()
     name = "default vehicle" if a.vehicle is None else str(a.vehicle)
-    setup = check.Setup(config, name, note, a.record, signed=a.signing_key is not None, live=log is None)
+    setup = check.CheckSetup(config, name, note, a.record, signed=a.signing_key is not None, live=log is None)
     found = check.items(listener, setup)
     if a.json is not None:
         write_json(check.as_json(found), a.json)
@@ -255,11 +255,11 @@ def _open(
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
     endpoint, sim = a.connect, None
     if _simulated(a):
-        from companion.sim.flight import Flight
+        from companion.sim.flight import SimulatedFlight
         from companion.sim.process import launch
         from companion.sim.scenario import build
 
-        sim = stack.enter_context(launch(Flight(vehicle, build(scenario_name(a.connect), vehicle), a.seed)))
+        sim = stack.enter_context(launch(SimulatedFlight(vehicle, build(scenario_name(a.connect), vehicle), a.seed)))
         endpoint = sim.endpoint
     return stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))), sim
 
@@ -283,9 +283,9 @@ def _run(flight: Flight) -> bool:
 
 
 def _compare(a: argparse.Namespace) -> int:
-    from companion.sim.compare import Settings, compare, write
+    from companion.sim.compare import CompareSettings, compare, write
 
-    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
+    settings = CompareSettings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)
     write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)

@@ -181,7 +181,7 @@ class PositionTarget:
 
 
 @dataclass
-class AttitudeTarget:
+class AttitudeDemand:
     """A demand in SET_ATTITUDE_TARGET."""
 
     roll: float = 0.0
@@ -224,7 +224,7 @@ class Autopilot:
         self._rate_loops = [Loop(*pid, RATE_I_MOST, SHARE_20_HZ) for pid in rate_gains]
         vel_gains = (g.vel_xy_p, g.vel_xy_i, g.vel_xy_d)
         self._vel_loops = [Loop(*vel_gains, VEL_I_MOST, SHARE_5_HZ) for _ in range(2)]
-        self.attitude = AttitudeTarget()
+        self.attitude = AttitudeDemand()
         self.target = PositionTarget()
         self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases
         self.shaped_rates = [0.0, 0.0, 0.0]
@@ -313,7 +313,7 @@ class Autopilot:
         self.guided = Guided.POSITION
         self.target = target
 
-    def fly_attitude(self, target: AttitudeTarget) -> None:
+    def fly_attitude(self, target: AttitudeDemand) -> None:
         """An attitude and thrust target."""
         self.guided = Guided.ATTITUDE
         self.attitude = target
@@ -428,7 +428,7 @@ class Autopilot:
         self._thr_i = a.thrust - self.hover
         return a.thrust
 
-    def _follow_attitude(self, target: AttitudeTarget) -> None:
+    def _follow_attitude(self, target: AttitudeDemand) -> None:
         if target.rates is not None:
             self._demand_rates(target.rates)
         else:

@@ -22,8 +22,8 @@ from tqdm import tqdm
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.compare_plot import write_plot
-from companion.sim.compare_report import Comparison, as_json, as_text
-from companion.sim.flight import Flight
+from companion.sim.compare_report import LegComparison, as_json, as_text
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.model_error import model_error
 from companion.sim.scenario import build
@@ -39,7 +39,7 @@ APPROACHES = 3
 
 
 @dataclass(frozen=True)
-class Settings:
+class CompareSettings:
     """What every leg of a comparison shares."""
 
     scenario: str = "corner"
@@ -72,7 +72,7 @@ class Settings:
         return choose_to_fly(self.flown_vehicle, self.model, default_model(self.scenario))
 
 
-def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
+def fly(settings: CompareSettings, leg: Leg, seed: int) -> Flown:
     """Fly one leg in lockstep and judge it: the same numbers on every machine, however busy."""
     vehicle, several = settings.flown_vehicle, settings.approaches > 1
     once = build(settings.scenario, vehicle, air=leg is not Leg.FREE)
@@ -82,14 +82,14 @@ def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
         offsets = leg in (Leg.ON, Leg.ADAPTED)
         config = PipelineConfig(vehicle, settings.choice.model, offsets=offsets, adapt=adapt)
     return fly_judged(
-        Flight(vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator), config, leg,
+        SimulatedFlight(vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator), config, leg,
         approach_s=once.duration_s if several else math.inf, record=settings.record if leg is Leg.OFF else None,
     )  # fmt: skip
 
 
 def run_compare(
     seeds: Sequence[int],
-    settings: Settings,
+    settings: CompareSettings,
     *,
     legs: Sequence[Leg] | None = None,
     workers: int | None = None,
@@ -118,15 +118,17 @@ def _leave_quietly() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def compare(seeds: Sequence[int], settings: Settings, *, workers: int | None = None, quiet: bool = True) -> Comparison:
+def compare(
+    seeds: Sequence[int], settings: CompareSettings, *, workers: int | None = None, quiet: bool = True
+) -> LegComparison:
     """Fly all legs with every seed."""
     model, vehicle, scenario = settings.choice.model, settings.flown_vehicle, settings.scenario
     errors = tuple(model_error(model, vehicle, law_of(scenario, seed)) for seed in seeds)
     flights = run_compare(seeds, settings, workers=workers, quiet=quiet)
-    return Comparison(scenario, settings.choice.name, errors, tuple(flights))
+    return LegComparison(scenario, settings.choice.name, errors, tuple(flights))
 
 
-def write(found: Comparison, *, json_path: str | None = None, plot: Path | None = None) -> None:
+def write(found: LegComparison, *, json_path: str | None = None, plot: Path | None = None) -> None:
     """Print the table, or the JSON (``-`` for stdout); draw the picture."""
     if plot is not None:
         write_plot(plot, found)

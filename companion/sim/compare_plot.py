@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.sim.compare_report import Comparison
+from companion.sim.compare_report import LegComparison
 from companion.sim.flown import PHASES, UNITS, Flown, Leg
 from models.errors import ConfigError
 from models.pages.svg import Band, Line, picture
@@ -18,7 +18,7 @@ _POINTS = 800
 """Of a curve: one a unit of its width."""
 
 
-def write_plot(path: Path, found: Comparison) -> None:
+def write_plot(path: Path, found: LegComparison) -> None:
     """Write the SVG file; ConfigError where that fails."""
     flights = [f for f in found.flights if f.seed == found.seeds[0] and f.leg in _KINDS]
     panels = {f"{axis} error [{UNITS[axis]}]": [_line(f, axis) for f in flights] for axis in ("height", "lateral")}

@@ -20,7 +20,7 @@ WAYS = {"energy": "by energy", "paired": "instant by instant"}
 
 
 @dataclass(frozen=True)
-class Comparison:
+class LegComparison:
     """Flights of one scenario with one model, and how wrong that model is about the air of each seed."""
 
     scenario: str
@@ -95,7 +95,7 @@ def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) 
 # -- JSON ------------------------------------------------------------------------------------------------------------
 
 
-def as_json(found: Comparison) -> dict[str, Any]:
+def as_json(found: LegComparison) -> dict[str, Any]:
     """Everything the tables show: RMS and peak per leg and axis, mean and sd over the seeds; RMS by phase."""
     parts = {leg.name.lower(): air_part(found.flights, leg) for leg in OFFSETS}
     return {
@@ -116,7 +116,7 @@ def as_json(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _leg_json(leg: Leg, flights: Sequence[Flown], found: Comparison) -> dict[str, Any]:
+def _leg_json(leg: Leg, flights: Sequence[Flown], found: LegComparison) -> dict[str, Any]:
     def both(number: Callable[[Flown], float]) -> dict[str, float]:
         return dict(zip(("mean", "sd"), spread(flights, number), strict=True))
 
@@ -129,7 +129,7 @@ def _leg_json(leg: Leg, flights: Sequence[Flown], found: Comparison) -> dict[str
     return {"who": leg.value, "touched_s": touched_s, **numbers, "approaches": approaches}
 
 
-def _flight_json(flight: Flown, found: Comparison) -> dict[str, Any]:
+def _flight_json(flight: Flown, found: LegComparison) -> dict[str, Any]:
     of_axis = {axis: {"rms": round(flight.rms(axis), 3), "peak": round(flight.peak(axis), 3)} for axis in AXES}
     return {
         "seed": flight.seed,
@@ -141,7 +141,7 @@ def _flight_json(flight: Flown, found: Comparison) -> dict[str, Any]:
     }
 
 
-def _approaches_json(flights: Sequence[Flown], found: Comparison) -> list[dict[str, Any]]:
+def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dict[str, Any]]:
     """Of each approach {phase: {axis: RMS}}, mean over the flights."""
 
     def of_phase(k: int, phase: str | None) -> dict[str, float | None]:
@@ -161,7 +161,7 @@ _NAME, _CELL = 28, 14
 """Characters of a row's name and of a phase's column."""
 
 
-def as_text(found: Comparison) -> str:
+def as_text(found: LegComparison) -> str:
     """The tables that a user reads."""
     seeds, wide, several = found.seeds, len(found.seeds) > 1, len(found.approaches) > 1
     wrong = ", ".join(f"{100.0 * share:.0f} % in {axis}" for axis, share in found.error().items())

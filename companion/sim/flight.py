@@ -8,7 +8,7 @@ from itertools import chain
 from companion.sim.air import SurfaceLaw
 from companion.sim.autopilot import Autopilot
 from companion.sim.body import Body
-from companion.sim.scenario import Reference, Scenario
+from companion.sim.scenario import Scenario, ScriptPoint
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor, ring_beams
 from companion.sim.world import law_of
 from models.frames import GRAVITY
@@ -18,7 +18,7 @@ HOVER_PARAM_SHARE = 0.89
 """MOT_THST_HOVER over the true hover throttle: as far off as it was found on the real autopilot."""
 
 
-class Flight:
+class SimulatedFlight:
     """Steps everything by ``DT``; the link and the pilot only talk to what is here."""
 
     def __init__(
@@ -57,7 +57,7 @@ class Flight:
         return self.time_s - self.script_began_s if math.isfinite(self.script_began_s) else -1.0
 
     @property
-    def reference(self) -> Reference:
+    def reference(self) -> ScriptPoint:
         """Where the vehicle is to be now: the line of which the pilot sends single points."""
         return self.scenario.reference(self.script_s)
 

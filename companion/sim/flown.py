@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from companion.config import PipelineConfig
 from companion.sim.body import DT
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import ScriptedPilot
 from models.errors import LinkError
@@ -104,7 +104,7 @@ class Flown:
 class Witness:
     """What truly happened, row by row, from the moment the script begins."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: SimulatedFlight) -> None:
         self._flight = flight
         self._next_s = 0.0
         self._rows: list[tuple[float, ...]] = []
@@ -134,7 +134,7 @@ class Witness:
 
 
 def fly_judged(
-    flight: Flight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf,
+    flight: SimulatedFlight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf,
     record: Path | None = None, pilot: type[ScriptedPilot] = ScriptedPilot,
 ) -> Flown:  # fmt: skip
     """Fly in lockstep and judge; ``config`` None: the autopilot flies. The same numbers on every machine."""

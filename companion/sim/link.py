@@ -9,9 +9,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget
+from companion.sim.autopilot import AttitudeDemand, Mode, PositionTarget
 from companion.sim.body import euler
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
 from models.frames import quaternion_from_euler
 
@@ -45,7 +45,7 @@ class VehicleLink:
     says_mode_at_once = True
     """ArduPilot announces a change of mode at once, PX4 with its next heartbeat."""
 
-    def __init__(self, flight: Flight, send: Callable[[bytes], None]) -> None:
+    def __init__(self, flight: SimulatedFlight, send: Callable[[bytes], None]) -> None:
         self._flight = flight
         self._send = send
         self._mav = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=AUTOPILOT)
@@ -270,7 +270,7 @@ class VehicleLink:
         if m.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE:
             rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
         roll, pitch, yaw = (0.0, 0.0, 0.0) if rates else euler(m.q)
-        pilot.fly_attitude(AttitudeTarget(roll, pitch, yaw, rates, max(0.0, min(1.0, m.thrust)), now))
+        pilot.fly_attitude(AttitudeDemand(roll, pitch, yaw, rates, max(0.0, min(1.0, m.thrust)), now))
         if now - self.attitude_stream_s > 0.3:
             self.attitude_since_s = now
         self.attitude_stream_s = now

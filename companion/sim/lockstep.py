@@ -13,12 +13,11 @@ from typing import Protocol
 
 from companion.clock import Readable
 from companion.config import PipelineConfig
-from companion.flight import Flight as CompanionFlight
-from companion.flight import FlightOptions
+from companion.flight import Flight, FlightOptions
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.tlog_writer import Recorder, Records
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.link import VehicleLink
 
 EPOCH_S = 1_767_225_600.0
@@ -49,15 +48,15 @@ class Lockstep:
 
     def __init__(
         self,
-        flight: Flight,
-        link: Callable[[Flight, Callable[[bytes], None]], VehicleLink],
+        flight: SimulatedFlight,
+        link: Callable[[SimulatedFlight, Callable[[bytes], None]], VehicleLink],
         pilot: Callable[[Lockstep], Pilot],
         watch: Callable[[], None] | None = None,
     ) -> None:
         self.mav = mavlink.MAVLink(None)
         self.flight = flight
         self.link = link(flight, self.send_down)
-        self.companion: CompanionFlight | None = None
+        self.companion: Flight | None = None
         """The companion that runs, or ran last."""
         self._down = bytearray()
         self._up = bytearray()
@@ -86,7 +85,7 @@ class Lockstep:
         arrivals = Arrivals(self)
         link = Link(self, "lockstep", arrivals)
         self.recv(0)  # sent before its socket was open
-        self.companion = CompanionFlight(config, link, None, recorder, arrivals, options)
+        self.companion = Flight(config, link, None, recorder, arrivals, options)
         self.companion.run()
 
     def _step(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.sim.autopilot import Mode
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.link import AUTOPILOT, COMPANION, SYSTEM, VehicleLink
 
 POSITION_AND_VELOCITY = 0x1C0 | 0x800
@@ -35,7 +35,7 @@ class ScriptedPilot:
     """The kind of link over which it flies."""
     take_off_mode = Mode.GUIDED
 
-    def __init__(self, flight: Flight, link: VehicleLink, *, companion: bool, endless: bool = False) -> None:
+    def __init__(self, flight: SimulatedFlight, link: VehicleLink, *, companion: bool, endless: bool = False) -> None:
         self._flight = flight
         self._link = link
         self._companion = companion

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from companion.sim.body import DT
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.link import VehicleLink
 from companion.sim.pilot import ScriptedPilot
 from models.errors import LinkError
@@ -57,7 +57,7 @@ def free_port() -> int:
 
 @contextlib.contextmanager
 def launch(
-    flight: Flight, pilot: type[ScriptedPilot] = ScriptedPilot, *, port: int | None = None
+    flight: SimulatedFlight, pilot: type[ScriptedPilot] = ScriptedPilot, *, port: int | None = None
 ) -> Iterator[SimProcess]:
     """Fly in another process for the length of a ``with`` block, to a companion on ``port`` (default: a free one).
 
@@ -84,7 +84,7 @@ def launch(
 class Narrator:
     """Tells which phase of the script begins, and with an empty text, once, that it is over."""
 
-    def __init__(self, flight: Flight, tell: Callable[[str], None]) -> None:
+    def __init__(self, flight: SimulatedFlight, tell: Callable[[str], None]) -> None:
         self._flight = flight
         self._tell = tell
         self._phase: str | None = None
@@ -99,7 +99,7 @@ class Narrator:
             self._tell(phase and f"{phase} ({round(left_s)} s to go)")
 
 
-def _run(flight: Flight, pilot_kind: type[ScriptedPilot], port: int, news: Connection) -> None:
+def _run(flight: SimulatedFlight, pilot_kind: type[ScriptedPilot], port: int, news: Connection) -> None:
     """Fly again and again, until the parent ends this process or itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches us as well: the companion has the last word
     parent = multiprocessing.parent_process()

@@ -38,7 +38,7 @@ class Waypoint:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ScriptPoint:
     """What the pilot asks for at one instant, NED."""
 
     position: Vec
@@ -67,13 +67,13 @@ class Scenario:
         again = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in self.waypoints[:-1]]
         return replace(self, waypoints=(*again, replace(last, time_s=times * long)))
 
-    def reference(self, time_s: float) -> Reference:
+    def reference(self, time_s: float) -> ScriptPoint:
         """The reference at script time ``time_s``: the first knot before, the last one after."""
         azimuth = self.surroundings.wall_azimuth_rad
         c, s = math.cos(azimuth), math.sin(azimuth)
         (towards, height, along), (v_towards, v_height, v_along) = self._smooth(time_s)
         phase = self.waypoints[max(0, self._leg(time_s) - 1)].name
-        return Reference(
+        return ScriptPoint(
             position=(towards * c - along * s, towards * s + along * c, -height),
             velocity=(v_towards * c - v_along * s, v_towards * s + v_along * c, -v_height),
             phase=phase,

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.scenario import NAMES, build
 from companion.sim.world import law_of
@@ -56,7 +56,7 @@ class Case:
             offsets=self.mode in MODES,
             adapt=Adapt.FULL if self.mode == "full" else Adapt.OFF,
         )
-        flight = Flight(vehicle, once.repeated(self.approaches), self.seed)
+        flight = SimulatedFlight(vehicle, once.repeated(self.approaches), self.seed)
         return fly_judged(flight, config, LEGS[self.mode], approach_s=once.duration_s)
 
 

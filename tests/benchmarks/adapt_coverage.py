@@ -29,7 +29,7 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.air import REYNOLDS_EXPONENT, RPM_HOVER, disturbed
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.effects import adopted
@@ -52,7 +52,7 @@ class Truth:
     value: Callable[[float], float]
 
 
-def thrust_ratio(flight: Flight, model: Any) -> float:
+def thrust_ratio(flight: SimulatedFlight, model: Any) -> float:
     """True thrust over what the model has at the same speeds, in hover."""
     body, vehicle = flight.body, flight.vehicle
     each = vehicle.mass_kg * 9.80665 / len(vehicle.fans)
@@ -109,7 +109,7 @@ def sagging(seed: int) -> tuple[Watch, list[Truth]]:
     body.pack.capacity_ah = random.Random(f"battery {seed}").uniform(0.4, 1.0)
     ratios: list[tuple[float, float]] = []
 
-    def note(_: Flight, t: float) -> None:
+    def note(_: SimulatedFlight, t: float) -> None:
         if not ratios or t - ratios[-1][0] >= 0.2:
             sag = body.pack.voltage_v / body._hover_v
             each = [

@@ -21,14 +21,14 @@ from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.sim.autopilot import Mode
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder, Vehicle
 
-Change = Callable[[Flight, float], None]
-Force = Callable[[Flight, float], tuple[float, float, float]]
+Change = Callable[[SimulatedFlight, float], None]
+Force = Callable[[SimulatedFlight, float], tuple[float, float, float]]
 
 
 class Pilot(ScriptedPilot):
@@ -85,7 +85,7 @@ class Watch:
 
 
 def fly(
-    flight: Flight,
+    flight: SimulatedFlight,
     config: PipelineConfig,
     end_s: float,
     *changes: Change,
@@ -104,7 +104,7 @@ def fly(
 # -- changes ---------------------------------------------------------------------------------------------------------
 
 
-def push(flight: Flight, force: Force) -> None:
+def push(flight: SimulatedFlight, force: Force) -> None:
     """An outer force at the CG, NED [N], from here on: ``force`` is asked at every physics step."""
     body, inner = flight.body, flight.body._contact
 
@@ -127,7 +127,7 @@ def hand(at_s: float, until_s: float) -> Force:
     """A hand that takes hold of the vehicle, carries a third of it, and draws it to where it is."""
     held: list[list[float]] = []
 
-    def force(flight: Flight, t: float) -> tuple[float, float, float]:
+    def force(flight: SimulatedFlight, t: float) -> tuple[float, float, float]:
         if not at_s <= t < until_s:
             return 0.0, 0.0, 0.0
         b = flight.body
@@ -143,7 +143,7 @@ def hand(at_s: float, until_s: float) -> Force:
 def payload(at_s: float, kg: float) -> Change:
     """Picked up in flight."""
 
-    def change(flight: Flight, t: float) -> None:
+    def change(flight: SimulatedFlight, t: float) -> None:
         if t >= at_s and flight.body.vehicle.mass_kg == flight.vehicle.mass_kg:
             flight.body.vehicle = replace(flight.vehicle, mass_kg=flight.vehicle.mass_kg + kg)
 
@@ -153,7 +153,7 @@ def payload(at_s: float, kg: float) -> Change:
 def wind(at_s: float, north: float, east: float, rise_s: float = 3.0) -> Change:
     """A wind that rises to its speed [m/s] and stays."""
 
-    def change(flight: Flight, t: float) -> None:
+    def change(flight: SimulatedFlight, t: float) -> None:
         share = min(max((t - at_s) / rise_s, 0.0), 1.0)
         flight.body.wind = (share * north, share * east, 0.0)
 
@@ -163,7 +163,7 @@ def wind(at_s: float, north: float, east: float, rise_s: float = 3.0) -> Change:
 def lying_range(at_s: float, until_s: float, index: int, reads_m: float) -> Change:
     """A rangefinder that says the same plausible distance whatever there is, with noise."""
 
-    def change(flight: Flight, t: float) -> None:
+    def change(flight: SimulatedFlight, t: float) -> None:
         if at_s <= t < until_s:
             flight.ranges[index].reading_m = round(reads_m + 0.01 * math.sin(37.0 * t), 2)
 
@@ -174,7 +174,7 @@ def dead_rotor(at_s: float, until_s: float, rotor: int, rpm: float | None) -> Ch
     """An ESC whose telemetry reads ``rpm``, or stays where it was (None)."""
     held: list[float] = []
 
-    def change(flight: Flight, t: float) -> None:
+    def change(flight: SimulatedFlight, t: float) -> None:
         if at_s <= t < until_s:
             if not held:
                 held.append(flight.esc.rpm[rotor])
@@ -205,7 +205,7 @@ class CeilingSensor(RangeSensor):
         self._late.append((self._ceiling_m + body.position[2] + self.sensor.position_m[2] * up) / up)
 
 
-def add_ceiling(flight: Flight, ceiling_m: float, gain: float, scale: float = 1.0) -> None:
+def add_ceiling(flight: SimulatedFlight, ceiling_m: float, gain: float, scale: float = 1.0) -> None:
     """A ceiling over the whole flight, with ``gain`` of Hsiao and Chirarattananon's law (models/effects/ceiling.py)."""
     body = flight.body
     for k, sensor in enumerate(flight.vehicle.rangefinders):

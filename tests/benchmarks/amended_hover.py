@@ -30,7 +30,7 @@ from companion.config import Base, PipelineConfig
 from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, Surroundings
 from companion.sim.fan_wrench import Vec
-from companion.sim.flight import Flight as SimFlight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import ROUNDING_S, Scenario, Waypoint
 from companion.sim.sensors import true_range
@@ -121,7 +121,7 @@ def fly(
         patch("companion.sim.flight.Body", CeilingBody),
         patch("companion.sim.sensors.true_range", ranged),
     ):
-        return fly_judged(SimFlight(declared, scenario or script(), seed), config, Leg.ON, record=record)
+        return fly_judged(SimulatedFlight(declared, scenario or script(), seed), config, Leg.ON, record=record)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from result_file import add_option, figure, write_result
 from vision import VisionEstimator
 
 from companion.adapt_options import Adapt, read_adapt
-from companion.sim.compare import Settings, compare, write
+from companion.sim.compare import CompareSettings, compare, write
 from companion.sim.compare_report import as_json
 from companion.sim.sensors import Estimator
 from models.errors import UserError
@@ -64,7 +64,9 @@ def main() -> int:
     p.add_argument("--quiet", action="store_true")
     add_option(p)
     a = p.parse_args()
-    settings = Settings(a.scenario, a.vehicle, a.model, a.adapt, estimator=VisionEstimator if a.vision else Estimator)
+    settings = CompareSettings(
+        a.scenario, a.vehicle, a.model, a.adapt, estimator=VisionEstimator if a.vision else Estimator
+    )
     try:
         seeds = range(a.first, a.first + a.seeds)
         found = compare(seeds, settings, workers=a.workers, quiet=a.quiet)

@@ -26,7 +26,7 @@ from companion.config import PipelineConfig
 from companion.control.survey import Phase
 from companion.sim.air import disturbed
 from companion.sim.body import Body
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import build
 from companion.survey_box import read_box
@@ -42,7 +42,7 @@ WALL_M = 1.2
 LIMIT_S = 400.0
 
 
-def one_vehicle(vehicle: Vehicle, scenario: Any, seed: int) -> Flight:
+def one_vehicle(vehicle: Vehicle, scenario: Any, seed: int) -> SimulatedFlight:
     """A flight of the one vehicle in the one air; ``seed`` draws turbulence and sensor errors."""
     flight = simulated(vehicle, scenario, seed, law=disturbed(AIR))
     body = Body(vehicle, scenario.surroundings, disturbed(AIR), BUILD, motor=flight.body.motor)

@@ -17,7 +17,7 @@ from companion.config import PipelineConfig
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.mavlink.wire_frames import cut
 from companion.sim.autopilot import Mode
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.scenario import build
 from models.frames import quaternion_from_euler
 from models.vehicle import Vehicle, load_vehicle
@@ -34,7 +34,7 @@ def vehicle(name: str = "tandem") -> Vehicle:
 
 
 @cache
-def _hovering(name: str, scenario: str, air: bool, seed: int, px4: bool) -> Flight:
+def _hovering(name: str, scenario: str, air: bool, seed: int, px4: bool) -> SimulatedFlight:
     flight = simulated(vehicle(name), build(scenario, vehicle(name), air=air), seed, px4=px4)
     flight.step()
     if not px4:  # which takes off in a mode of its own
@@ -49,7 +49,7 @@ def _hovering(name: str, scenario: str, air: bool, seed: int, px4: bool) -> Flig
 class Peer:
     """The other end of a vehicle's link: keeps what it sends, and speaks to it."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: SimulatedFlight) -> None:
         self.flight = flight
         self.frames: list[bytes] = []
         self.link = link_of(flight, self.frames.append)
@@ -103,7 +103,7 @@ class Peer:
         )
 
 
-def fly(flight: Flight, seconds: float) -> None:
+def fly(flight: SimulatedFlight, seconds: float) -> None:
     for _ in range(round(seconds / flight.body.dt)):
         flight.step()
 

@@ -15,7 +15,7 @@ from companion.adaptation.adapt import Adaptation
 from companion.adaptation.gates import NOT_FLYING, SURFACE_STEP, SURFACE_UNKNOWN
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.vehicle import Vehicle
@@ -26,7 +26,7 @@ HAPPENS_S, OVER_S, END_S = 24.0, 28.0, 43.0
 """Boot times. The script begins at 12 s."""
 
 
-def low_hover() -> Flight:
+def low_hover() -> SimulatedFlight:
     """Down into the ground effect, which is then known; up and down again after what happens."""
     waypoints = ((0, 1.2), (2, 1.2), (6, LOW_M), (18, LOW_M), (21, 1.2), (22, 1.2), (26, LOW_M), (60, LOW_M))
     scenario = replace(
@@ -37,7 +37,7 @@ def low_hover() -> Flight:
     return simulated(VEHICLE, scenario, 7, law=NOMINAL)
 
 
-def flown(flight: Flight, *changes: Change, vehicle: Vehicle = VEHICLE, **options: float) -> Watch:
+def flown(flight: SimulatedFlight, *changes: Change, vehicle: Vehicle = VEHICLE, **options: float) -> Watch:
     model = TrueModel(VEHICLE, NOMINAL)
     config = PipelineConfig(vehicle, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     return fly(flight, config, END_S, *changes, **options)

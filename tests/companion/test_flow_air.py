@@ -13,7 +13,7 @@ from companion import cli
 from companion.sim import flow_air as flow
 from companion.sim.air import NOMINAL, Increments
 from companion.sim.compare import Settings
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flow_air import AIR_HALF, FlowAir, flow_air
 from companion.sim.model_error import model_error
 from companion.sim.scenario import build
@@ -69,7 +69,7 @@ def test_the_model_of_the_other_half_flies_there_unless_another_is_named():
 
 @pytest.mark.parametrize("vehicle", [default_vehicle(), load_vehicle(QUAD)], ids=["tandem", "quad"])
 def test_any_vehicle_flies_in_it(vehicle):
-    flight = Flight(vehicle, build("corner_cfd", vehicle), 1)
+    flight = SimulatedFlight(vehicle, build("corner_cfd", vehicle), 1)
     body = flight.body
     assert isinstance(body.law, FlowAir)
     body.position[2] = -(1.5 * vehicle.rotor_radius_m)
@@ -84,7 +84,7 @@ def test_a_flight_takes_any_law():
             return Increments(z=-0.5 if math.isfinite(eta) else 0.0)
 
     vehicle = default_vehicle()
-    body = Flight(vehicle, build("hover", vehicle), 1, law=Sucking()).body
+    body = SimulatedFlight(vehicle, build("hover", vehicle), 1, law=Sucking()).body
     body.rpm = [3000.0] * len(body.rpm)
     body.step([1500.0] * 16)
     assert body.causes.corner[2] == pytest.approx(-0.5 * body.causes.free[2])

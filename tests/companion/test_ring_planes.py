@@ -21,7 +21,7 @@ from companion.mavlink.samples import Ring
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.mavlink.wire_frames import cut
 from companion.sim.compare import Settings
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import Leg, fly_judged
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
@@ -307,7 +307,7 @@ def corner_flights(tmp_path_factory):
     model = Settings(scenario="corner").choice.model
 
     def fly(vehicle, record=None):
-        flight = Flight(vehicle, build("corner", vehicle), 1)
+        flight = SimulatedFlight(vehicle, build("corner", vehicle), 1)
         return fly_judged(flight, PipelineConfig(vehicle, model), Leg.ON, record=record)
 
     return fly(VEHICLE), fly(RINGED, log), log, model

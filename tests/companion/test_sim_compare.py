@@ -16,8 +16,8 @@ from companion.sim import compare
 from companion.sim.air import LawError
 from companion.sim.body import DT
 from companion.sim.compare_plot import write_plot
-from companion.sim.compare_report import Comparison, air_part, as_json, as_text
-from companion.sim.flight import Flight
+from companion.sim.compare_report import LegComparison, air_part, as_json, as_text
+from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, Witness, flown
 from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
@@ -47,8 +47,8 @@ def flights(seed: int = 1, left: float = 0.4) -> list[Flown]:
     ]
 
 
-def compared(*flown_legs: Flown) -> Comparison:
-    return Comparison("corner", "shipped", (LawError(0.2, 0.21, 0.15),), flown_legs)
+def compared(*flown_legs: Flown) -> LegComparison:
+    return LegComparison("corner", "shipped", (LawError(0.2, 0.21, 0.15),), flown_legs)
 
 
 def test_a_remaining_share_of_the_air_is_found_again():
@@ -172,7 +172,7 @@ def test_a_flight_that_the_companion_did_not_fly_is_an_error():
 
 def test_the_reference_in_the_truth_is_a_line_and_no_steps():
     """The pilot speaks at 20 Hz, the truth is taken down at 50 Hz: between two targets the reference moves on."""
-    flight = Flight(default_vehicle(), build("corner", default_vehicle()), 1)
+    flight = SimulatedFlight(default_vehicle(), build("corner", default_vehicle()), 1)
     witness = Witness(flight)
     witness.step()  # the script has not begun
     flight.script_began_s = 0.0
@@ -190,7 +190,7 @@ def test_the_reference_in_the_truth_is_a_line_and_no_steps():
 
 def test_jobs_keep_their_order(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compare, "fly", lambda settings, which, seed: leg(which, seed, 0.0))
-    result = compare.run_compare([1, 2], compare.Settings(), legs=(Leg.OFF, Leg.ON), workers=1)
+    result = compare.run_compare([1, 2], compare.CompareSettings(), legs=(Leg.OFF, Leg.ON), workers=1)
     assert [(f.seed, f.leg) for f in result] == [(1, Leg.OFF), (1, Leg.ON), (2, Leg.OFF), (2, Leg.ON)]
 
 

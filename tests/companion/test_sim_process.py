@@ -16,15 +16,15 @@ from pymavlink import mavutil
 from simulated import Nobody
 
 from companion.cli import main, scenario_name
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.process import Narrator, follow, launch
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.errors import LinkError
 
 
-def hover() -> Flight:
-    return Flight(default_vehicle(), build("hover", default_vehicle()), 1)
+def hover() -> SimulatedFlight:
+    return SimulatedFlight(default_vehicle(), build("hover", default_vehicle()), 1)
 
 
 def test_launch_speaks_mavlink_where_it_says():
@@ -86,7 +86,7 @@ def test_a_vehicle_that_does_not_start_is_said():
 
 
 def test_every_phase_once_and_one_end():
-    flight, said = Flight(default_vehicle(), build("corner", default_vehicle()), 0), []
+    flight, said = SimulatedFlight(default_vehicle(), build("corner", default_vehicle()), 0), []
     narrator = Narrator(flight, said.append)
     narrator.step()  # the script has not begun
     assert said == []

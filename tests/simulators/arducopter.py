@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from companion.sim.autopilot import AttitudeTarget, Autopilot, Guided, Mode
+from companion.sim.autopilot import AttitudeDemand, Autopilot, Guided, Mode
 from companion.sim.sensors import Estimate
 from models.vehicle import Vehicle
 
@@ -78,7 +78,7 @@ class ArduCopter(Autopilot):
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
-    def fly_attitude(self, target: AttitudeTarget) -> None:
+    def fly_attitude(self, target: AttitudeDemand) -> None:
         """An attitude, and thrust or a rate of climb."""
         super().fly_attitude(target)
         self._thrust_is_climb_rate = (

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.sim.autopilot import Mode, PositionTarget
 from companion.sim.fan_wrench import Vec
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.link import COMPANION, SYSTEM, TRUSTED, Messages, VehicleLink
 from companion.sim.sensors import Estimate
 
@@ -51,7 +51,7 @@ class ArduCopterLink(VehicleLink):
     frames: tuple[int, ...] = _FRAMES
     """Of positions that are obeyed."""
 
-    def __init__(self, flight: Flight, send: Callable[[bytes], None]) -> None:
+    def __init__(self, flight: SimulatedFlight, send: Callable[[bytes], None]) -> None:
         super().__init__(flight, send)
         self.companion_heartbeat_s = -math.inf
         """Boot time of the last heartbeat of component 191."""

@@ -21,7 +21,7 @@ from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
 from companion.sim.body import Surroundings
 from companion.sim.fan_wrench import Vec
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.link import COMPANION, SYSTEM
 from companion.sim.scenario import Scenario, Waypoint, lip_reach, wall_azimuth
 from models.errors import LinkError
@@ -90,7 +90,7 @@ class CasePilot:
 
     def __init__(self, world: FaultyLockstep, script: Script) -> None:
         self.world = world
-        self.flight: Flight = world.flight
+        self.flight: SimulatedFlight = world.flight
         self.over = False
         self.judgement = Judgement()
         self.notes: list[str] = []

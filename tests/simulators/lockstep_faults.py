@@ -19,7 +19,7 @@ from companion.flight import FlightOptions
 from companion.invariants import Auditor
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.mavlink.wire_frames import cut
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.lockstep import Lockstep, OverError, Pilot
 
 LAST_WORD_DELAY_S = 0.01
@@ -96,7 +96,9 @@ class FaultyLockstep(Lockstep):
 
     link: ArduCopterLink
 
-    def __init__(self, flight: Flight, pilot: Callable[[FaultyLockstep], Pilot], truth: Path | None = None) -> None:
+    def __init__(
+        self, flight: SimulatedFlight, pilot: Callable[[FaultyLockstep], Pilot], truth: Path | None = None
+    ) -> None:
         self.wire = Wire()
         self.start_companion_s = 0.0
         """Boot time at which the companion is started."""

@@ -13,7 +13,7 @@ from px4_link import Px4Link
 from vision import VisionEstimator
 
 from companion.sim.autopilot import Mode
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import Scenario
 from models.errors import ConfigError
@@ -23,9 +23,9 @@ from models.vehicle import Vehicle
 def simulated(
     vehicle: Vehicle, scenario: Scenario, seed: int, *, px4: bool = False, vision: bool = False,
     parameters: Mapping[str, float] | None = None, **more: Any,
-) -> Flight:  # fmt: skip
+) -> SimulatedFlight:  # fmt: skip
     """A flight. ``parameters`` are the pilot's own settings of the autopilot, over its defaults; ``vision``: no GPS."""
-    flight = Flight(
+    flight = SimulatedFlight(
         vehicle, scenario, seed, autopilot=Px4 if px4 else ArduCopter,
         estimator=VisionEstimator if vision else GpsEstimator, **more,
     )  # fmt: skip
@@ -35,12 +35,12 @@ def simulated(
     return flight
 
 
-def is_px4(flight: Flight) -> bool:
+def is_px4(flight: SimulatedFlight) -> bool:
     """Which of both flies."""
     return isinstance(flight.autopilot, Px4)
 
 
-def link_of(flight: Flight, send: Callable[[bytes], None]) -> ArduCopterLink:
+def link_of(flight: SimulatedFlight, send: Callable[[bytes], None]) -> ArduCopterLink:
     """The link of its autopilot."""
     return (Px4Link if is_px4(flight) else ArduCopterLink)(flight, send)
 

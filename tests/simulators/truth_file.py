@@ -10,7 +10,7 @@ from typing import TextIO
 import numpy as np
 
 from companion.sim.body import DT
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.sim.scenario import lip_reach
 from models.errors import ConfigError
 from models.frames import Array
@@ -25,7 +25,7 @@ class TruthFile:
     controller's where the autopilot flies), ``hand`` who flies, ``gap_m`` lip to wall.
     """
 
-    def __init__(self, path: Path, flight: Flight) -> None:
+    def __init__(self, path: Path, flight: SimulatedFlight) -> None:
         self._flight = flight
         try:
             self._file: TextIO = path.open("w", encoding="utf-8")

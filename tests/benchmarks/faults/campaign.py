@@ -21,7 +21,7 @@ from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.invariants import Auditor
-from companion.sim.flight import Flight
+from companion.sim.flight import SimulatedFlight
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT
@@ -46,7 +46,7 @@ class Bench:
     folder: Path
 
     @property
-    def flight(self) -> Flight:
+    def flight(self) -> SimulatedFlight:
         """The vehicle."""
         return self.world.flight
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from companion.sim.autopilot import AttitudeTarget
+from companion.sim.autopilot import AttitudeDemand
 from faults.campaign import GAP_M, STACKS, Bench, Fault, fly
 from faults.catalog import calm, wind
 
@@ -33,7 +33,7 @@ class BestAnswer:
         b.world.stall(1.0)
         autopilot = b.flight.autopilot
         thrust = autopilot.attitude.thrust
-        autopilot.fly_attitude(AttitudeTarget(-self.tilt_rad, thrust=thrust, time_s=b.now_s))
+        autopilot.fly_attitude(AttitudeDemand(-self.tilt_rad, thrust=thrust, time_s=b.now_s))
 
     def watch(self, b: Bench) -> None:
         """Until it flies away from the wall."""
