@@ -20,11 +20,11 @@ from statistics import median
 
 import models
 from companion.config import PipelineConfig
+from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
-from companion.mavlink.stream_rates import message_name
 from companion.mavlink.wire_frames import cut
 from companion.pipeline import answer, initial_state, step
 from companion.settle import settle
@@ -49,7 +49,7 @@ def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Time
         frame = cut(raw, 0)
         sample = intake.sample(frame, arrival) if frame.id in LAYOUTS else None
         decoded = clock()
-        name = message_name(frame.id)
+        name = MESSAGES[frame.id].msgname
         decoding[name].append(decoded - start)
         if sample is None:
             continue

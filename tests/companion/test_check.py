@@ -15,7 +15,7 @@ from audited import config, fly_audited
 from fake_autopilot import FakeAutopilot, free_port
 from flight_case import Case, CasePilot
 
-from companion.check import Item, Listener, Setup, Verdict, items, may_fly, read_log
+from companion.check import CheckSetup, Item, Listener, Verdict, items, may_fly, read_log
 from companion.cli import main
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.wire_frames import cut
@@ -63,7 +63,7 @@ def heard(flight: Path) -> Listener:
 
 def checked(heard: Listener, **setup: Any) -> dict[str, Item]:
     """The items by name."""
-    return {i.name: i for i in items(heard, Setup(OWN, "vehicle", **{"live": False, **setup}))}
+    return {i.name: i for i in items(heard, CheckSetup(OWN, "vehicle", **{"live": False, **setup}))}
 
 
 def test_a_good_flight_passes_every_item(heard):
@@ -210,7 +210,7 @@ def test_poses_of_a_camera_are_named_where_they_are_not_flown_by(flight):
             if k % 100 == 99:
                 for message in (place, pose):
                     listener.hear(arrival_us, cut(bytes(message.pack(link)), 0))
-        return [i for i in items(listener, Setup(OWN, "vehicle", live=False)) if i.name == "position"]
+        return [i for i in items(listener, CheckSetup(OWN, "vehicle", live=False)) if i.name == "position"]
 
     left_out, good = found(position=True)
     assert left_out.verdict is Verdict.WARN

@@ -12,7 +12,7 @@ import models
 from companion import cli
 from companion.sim import flow_air as flow
 from companion.sim.air import NOMINAL, Increments
-from companion.sim.compare import Settings
+from companion.sim.compare import CompareSettings
 from companion.sim.flight import SimulatedFlight
 from companion.sim.flow_air import AIR_HALF, FlowAir, flow_air
 from companion.sim.model_error import model_error
@@ -58,10 +58,10 @@ def test_far_from_everything_is_free_air_and_nothing_jumps():
 
 
 def test_the_model_of_the_other_half_flies_there_unless_another_is_named():
-    settings = Settings("corner_cfd")
+    settings = CompareSettings("corner_cfd")
     assert settings.choice.name == default_model("corner_cfd") == "corner_cfd_half"
-    assert Settings("corner").choice.name == "shipped"
-    assert Settings("corner_cfd", model="none").choice.name == "none"
+    assert CompareSettings("corner").choice.name == "shipped"
+    assert CompareSettings("corner_cfd", model="none").choice.name == "none"
     error = model_error(settings.choice.model, settings.flown_vehicle, law_of("corner_cfd", 1))
     assert max(error.lift, error.pull, error.tilt) < 0.25
     assert min(error.lift, error.pull, error.tilt) > 0.03

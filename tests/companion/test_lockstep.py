@@ -18,7 +18,7 @@ import models
 from companion.config import PipelineConfig
 from companion.sim import compare
 from companion.sim.air import NOMINAL
-from companion.sim.compare import Settings
+from companion.sim.compare import CompareSettings
 from companion.sim.flown import Leg
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import build
@@ -151,7 +151,7 @@ def test_a_comparison_repeats_itself_and_does_not_depend_on_its_neighbours(monke
     short = build("hover", vehicle())
     waypoints = (*short.waypoints[:-1], dataclasses.replace(short.waypoints[-1], time_s=7.0))
     monkeypatch.setattr(compare, "build", lambda *_a, **_k: dataclasses.replace(short, waypoints=waypoints))
-    settings = Settings("hover")
+    settings = CompareSettings("hover")
     first, again = (compare.run_compare([2], settings, legs=(Leg.ON,), workers=1) for _ in range(2))
     assert first[0].height.tolist() == again[0].height.tolist()
     assert first[0].lateral.tolist() == again[0].lateral.tolist()

@@ -9,7 +9,7 @@ import pytest
 from flying import CONFIG, Bench
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.check import Listener, Setup, Verdict, _ranges
+from companion.check import CheckSetup, Listener, Verdict, _ranges
 from companion.config import PipelineConfig
 from companion.estimation import estimator as est
 from companion.estimation.estimator import Seen
@@ -20,7 +20,7 @@ from companion.mavlink.message_table import decode
 from companion.mavlink.samples import Ring
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.mavlink.wire_frames import cut
-from companion.sim.compare import Settings
+from companion.sim.compare import CompareSettings
 from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import Leg, fly_judged
 from companion.sim.scenario import build
@@ -304,7 +304,7 @@ def test_a_ring_that_knows_nothing_or_falls_silent_is_no_clear_sight():
 def corner_flights(tmp_path_factory):
     """The corner approach with the shipped sensors and with a ring of eight, and the recording of the second."""
     log = tmp_path_factory.mktemp("ring") / "ring.tlog"
-    model = Settings(scenario="corner").choice.model
+    model = CompareSettings(scenario="corner").choice.model
 
     def fly(vehicle, record=None):
         flight = SimulatedFlight(vehicle, build("corner", vehicle), 1)
@@ -339,9 +339,9 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
 def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
     listener = Listener(replace(CONFIG, vehicle=VEHICLE))
     listener.samples[Ring] = [ring_of(8, [(0.0, 1.0)])]
-    (item,) = [i for i in _ranges(listener, Setup(listener.config, "x.toml")) if i.name == "ring"]
+    (item,) = [i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"]
     assert item.verdict is Verdict.WARN
     assert "ring = 8" in (item.do or "")
     listener = Listener(replace(CONFIG, vehicle=RINGED))
-    (item,) = [i for i in _ranges(listener, Setup(listener.config, "x.toml")) if i.name == "ring"]
+    (item,) = [i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"]
     assert item.verdict is Verdict.FAIL
