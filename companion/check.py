@@ -19,7 +19,7 @@ from typing import Any
 
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parameter
-from companion.control.refusals import LATE_FADE_S
+from companion.control.lateness import LATE_FADE_S
 from companion.control.state import PipelineState
 from companion.mavlink import samples
 from companion.mavlink.dialect import ID_OF

@@ -11,7 +11,7 @@ from typing import Any
 
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
-from companion.control.refusals import lateness
+from companion.control.lateness import lateness
 from companion.control.state import Decision
 from companion.control.survey import Phase
 from companion.last_word import LastWord

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-from companion.control.authority import HOLDS_BACK_EVERYTHING
-from companion.control.refusals import LATE_FADE_S
+from companion.control.lateness import LATE_FADE_S
+from companion.control.reasons import HOLDS_BACK_EVERYTHING
 from companion.control.state import Decision
 from companion.mavlink import samples
 from companion.mavlink.dialect import ID_OF

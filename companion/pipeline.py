@@ -20,17 +20,18 @@ from companion.adaptation.residual import mass_flow
 from companion.adaptation.sizes import drag_prior
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import engagement, hover_thrust, landed, swing_detector
-from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
-from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
+from companion.control.compensation import Offset, Offsets, fade, slewed, wanted_offset
 from companion.control.engagement import waits_for_mode
 from companion.control.hand_over import HAND_OVER_S, NOT_OURS, begin_hand_over, hand_over_command, held_off, place_of
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
-from companion.control.plant import FULL, LATE_STOP_S, hear_position
+from companion.control.lateness import LATE_STOP_S, lateness
+from companion.control.plant import FULL, hear_position
 from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, settled_target, shifted
 from companion.control.position_target import Target, read_target, stay
 from companion.control.push import modelled_disturbance
-from companion.control.refusals import lateness, refusals, upstream_silent
+from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
+from companion.control.refusals import refusals, upstream_silent
 from companion.control.state import Decision, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall, watch_wall

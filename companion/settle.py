@@ -7,9 +7,9 @@ import math
 from companion.adaptation.adapt import learn
 from companion.config import Base, PipelineConfig
 from companion.control import attitude_response, engagement, swing_detector
-from companion.control.authority import Notice
 from companion.control.plant import Source, declared_loop, hear_attitude, tune
 from companion.control.position_hold import BaseSetpoint
+from companion.control.reasons import Notice
 from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample

@@ -10,9 +10,8 @@ import math
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
-from companion.control.authority import clipped, slew
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.vectors import lagged, scaled
+from companion.estimation.vectors import clipped, lagged, scaled
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Rows
 from models.vehicle import Vehicle
@@ -22,6 +21,10 @@ _MOMENT_STIFFNESS_1_S2 = 180.0
 _MOMENT_WASHOUT_S = 1.0
 """The rate integrator owns a steady moment within about this time."""
 _MOMENT_LIMIT_RAD = math.radians(2.5)
+_FADE_IN_S = 1.0
+"""As slowly as the integrators adapt, so that nothing is counted twice."""
+_FADE_OUT_S = 0.2
+"""As fast as the slew rates of a vehicle file's defaults allow a full offset to go."""
 
 
 class Offset(NamedTuple):
@@ -106,6 +109,20 @@ def _moment_bias(
     return roll, pitch, (low_x, low_y)
 
 
+def fade(authority: float, wanted: float, dt_s: float) -> float:
+    """Move the authority 0...1 towards ``wanted`` at most as fast as the fades allow."""
+    if wanted > authority:
+        return min(wanted, authority + dt_s / _FADE_IN_S)
+    return max(wanted, authority - dt_s / _FADE_OUT_S)
+
+
+def _slew(value: float, wanted: float, limit: float, step: float) -> float:
+    """Move ``value`` towards ``wanted`` clipped to +-``limit``, by at most ``step``."""
+    target = -limit if wanted < -limit else limit if wanted > limit else wanted
+    low, high = value - step, value + step
+    return low if target < low else high if target > high else target
+
+
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:
     """Move the offset towards the wanted one within the vehicle file's limits and slew rates."""
     most, rate = config.most_offset, config.offset_rates
@@ -113,9 +130,9 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     wanted_thrust, wanted_roll, wanted_pitch, (x, y, z), share = wanted
     step, tilt_step = rate.acceleration_m_s2 * dt_s, rate.tilt_rad * dt_s
     g, tilt = most.acceleration_m_s2, most.tilt_rad
-    north, east, down = slew(north, x, g, step), slew(east, y, g, step), slew(down, z, g, step)
-    thrust = slew(thrust, wanted_thrust, most.thrust, rate.thrust * dt_s)
-    roll, pitch = slew(roll, wanted_roll, tilt, tilt_step), slew(pitch, wanted_pitch, tilt, tilt_step)
+    north, east, down = _slew(north, x, g, step), _slew(east, y, g, step), _slew(down, z, g, step)
+    thrust = _slew(thrust, wanted_thrust, most.thrust, rate.thrust * dt_s)
+    roll, pitch = _slew(roll, wanted_roll, tilt, tilt_step), _slew(pitch, wanted_pitch, tilt, tilt_step)
     asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
     passed = min(_size(thrust, roll, pitch) / asked, 1.0) if asked > 0.0 else 1.0
     return Offset(thrust, roll, pitch, (north, east, down), share * passed)

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.control.authority import Reason
 from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Airborne
 from companion.control.position_hold import tilt_acceleration
+from companion.control.reasons import Reason
 from companion.estimation.vectors import lagged
 from companion.mavlink.firmware import Stack, stack_of
 from companion.mavlink.samples import Heartbeat

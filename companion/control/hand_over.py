@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.control.authority import Reason
 from companion.control.position_hold import BaseSetpoint, Hold
+from companion.control.reasons import Reason
 from companion.mavlink.firmware import ThrustMap
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from models.frames import quaternion_from_euler

@@ -142,11 +142,6 @@ def declared_loop(stack: Stack, parameters: Mapping[str, float]) -> AttitudeLoop
     return AttitudeLoop()
 
 
-LATE_STOP_S = 0.18
-"""Attitudes or positions that arrive later than this are not flown on: at 0.2 s the hold swung into a wall 0.3 m away
-in the simulation (``link_late_0.2s`` of the fault campaign)."""
-
-
 class Timing(NamedTuple):
     """Rates and lateness as they arrive: averages that rise at once and sink slowly."""
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.control.authority import clipped
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import Course, Reference, Target, advance, expected, start_reference, stay
 from companion.control.wall_guard import WallAhead
-from companion.estimation.vectors import lagged, minus, plus, scaled, within
+from companion.estimation.vectors import clipped, lagged, minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY
 from models.frozen_copy import replace

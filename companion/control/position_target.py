@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.control.authority import clipped
-from companion.estimation.vectors import Level, lagged, minus, plus, scaled, within
+from companion.estimation.vectors import Level, clipped, lagged, minus, plus, scaled, within
 from companion.mavlink.samples import SetPositionTarget
 from models.vehicle import Limits, Vector3
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control.authority import Reason
 from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_known
+from companion.control.lateness import LATE_FADE_S, LATE_STOP_FOR_S, lateness
 from companion.control.plant import HoldTuning, Margin
+from companion.control.reasons import Reason
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Estimates, Seen
+from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Seen
 from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
 from companion.mavlink.samples import Heartbeat
@@ -35,12 +36,6 @@ _HEARTBEAT_AGE_S = 3.0
 _POSITION_FADE_AGE_S = 0.28
 """Older than this the offsets fade, before the hold lets go. Above the 0.2 s of positions at 5 Hz."""
 _UPSTREAM_AGE_S = 0.5
-LATE_FADE_S = 0.15
-"""Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by its
-own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""
-_LATE_STOP_FOR_S = 0.2
-"""Telemetry later than ``LATE_STOP_S`` for so long ends the hold. On the vehicle's clock: a short burst after a gap of
-the link is caught up with instead."""
 _MOST_TILT_COS = math.cos(math.radians(25.0))
 """Beyond, the small-angle law of the offsets no longer holds: they fade."""
 _SWING_PAUSE_S = 6.0
@@ -97,21 +92,12 @@ def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t
     estimates = state.estimates
     if estimates.attitude is None or t_s - estimates.attitude.t_s > ATTITUDE_AGE_S:
         out.append(Reason.ATTITUDE_STALE)
-    if t_s - state.late_since_s >= _LATE_STOP_FOR_S:
+    if t_s - state.late_since_s >= LATE_STOP_FOR_S:
         out.append(Reason.TOO_LATE)
     elif lateness(estimates, config) > LATE_FADE_S:
         out.append(Reason.LATE)
     if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
         out.append(Reason.UPSTREAM_STALE)
-
-
-def lateness(estimates: Estimates, config: PipelineConfig) -> float:
-    """How late [s] the newest attitude, and for the hold the newest position, arrived."""
-    attitude, position = estimates.attitude, estimates.position
-    late_s = 0.0 if attitude is None else attitude.late_s
-    if position is not None and position.late_s > late_s and config.base is Base.HOLD:
-        return position.late_s
-    return late_s
 
 
 def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from companion.adaptation.adapt import Adaptation
 from companion.control.attitude_response import AttitudeResponse
-from companion.control.authority import Notice, Reason
 from companion.control.compensation import Offset, Offsets
 from companion.control.engagement import Balance, Engagement
 from companion.control.hand_over import HandOver
@@ -18,6 +17,7 @@ from companion.control.landed import Airborne
 from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.position_target import Target
+from companion.control.reasons import Notice, Reason
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import WallAhead

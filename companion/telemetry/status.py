@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator
 
 from companion.adaptation import words
-from companion.control.authority import Notice, Reason
+from companion.control.reasons import Notice, Reason
 from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of

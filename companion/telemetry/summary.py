@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from companion.adaptation.adapt import Adaptation
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.control.state import Decision
 from companion.estimation.disturbance import Disturbance
 

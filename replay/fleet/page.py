@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from replay.report import render
 from replay.rerun.page import lasted, to_mend
 

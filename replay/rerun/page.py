@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from models.pages.svg import Band, Line, figure, keys
 from replay.report import render
 from replay.rerun.history import History

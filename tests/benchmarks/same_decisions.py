@@ -26,7 +26,7 @@ from tqdm import tqdm
 import models
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode

@@ -168,7 +168,7 @@ def test_the_command_reads_a_log(flight, capsys):
     assert "none.tlog" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("options", "code"), [(8.0, 0), (0.0, 1)])
+@pytest.mark.parametrize(("options", "code"), [(8.0, 0), pytest.param(0.0, 1, marks=pytest.mark.slow)])
 def test_the_command_listens_to_a_link_and_sends_no_setpoint(options, code):
     port = free_port()
     command = ["--check", "--connect", f"udp:127.0.0.1:{port}", "--duration", "4", "--json", "-"]

@@ -123,6 +123,7 @@ def test_a_vehicle_that_is_never_heard_is_exit_code_4_and_said(tmp_path):
     assert json.loads(report.read_text())["system"] is None
 
 
+@pytest.mark.slow
 def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
     import signal
     import time

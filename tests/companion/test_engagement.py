@@ -10,8 +10,8 @@ import pytest
 from flying import bench
 
 from companion.control import position_target
-from companion.control.authority import Notice, Reason
 from companion.control.position_target import Target, advance, expected, start_reference
+from companion.control.reasons import Notice, Reason
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,

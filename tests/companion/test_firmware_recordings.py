@@ -9,8 +9,8 @@ import pytest
 
 import models
 from companion.config import PipelineConfig
-from companion.control.authority import Notice, Reason
 from companion.control.plant import Margin
+from companion.control.reasons import Notice, Reason
 from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import initial_state, step

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import pytest
 from flying import bench
 
-from companion.control.authority import Reason
 from companion.control.hand_over import place_of
 from companion.control.position_hold import Motion, engage
+from companion.control.reasons import Reason
 from companion.estimation.estimator import Seen, Surface
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift, compare, hear
 from companion.mavlink.firmware import ThrustMap

@@ -6,8 +6,8 @@ import math
 
 from flying import bench
 
-from companion.control.authority import Notice, Reason
 from companion.control.landed import flies_all_the_same, standing_height
+from companion.control.reasons import Notice, Reason
 from companion.estimation.estimator import Seen, Surface
 from companion.telemetry.status import said_of
 

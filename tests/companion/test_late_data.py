@@ -10,7 +10,7 @@ from flying import bench
 
 import models
 from companion.config import Base, PipelineConfig
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.mavlink.boot_clock import BootClock, Stamp
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.message_table import decode

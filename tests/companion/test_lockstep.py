@@ -66,6 +66,7 @@ def digest(folder: Path) -> tuple[str, str]:
     return tuple(hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in ("truth.csv", "flight.tlog"))  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_flight_bit_for_bit_however_slow_the_machine(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()

@@ -9,7 +9,7 @@ import pytest
 from flying import CONFIG, DOWN, RIGHT, Bench
 
 from companion.config import PipelineConfig
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.estimation.estimator import Estimates, Seen, blank_estimates, surface, take_attitude, take_position
 from companion.estimation.estimator import take_range as take
 from companion.mavlink.samples import Attitude, LocalPosition, Range, RangeVerdict

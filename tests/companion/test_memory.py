@@ -6,6 +6,8 @@ import gc
 import tracemalloc
 from collections import Counter
 
+import pytest
+
 import models
 from companion.config import PipelineConfig
 from companion.flight import Flight, FlightOptions, percentiles_ms
@@ -47,6 +49,7 @@ def cycle(mav, tick):
     return b"".join(bytes(m.pack(mav)) for m in messages)
 
 
+@pytest.mark.slow
 def test_a_long_flight_needs_no_more_memory_than_a_short_one():
     wire, reader = Wire(), FrameReader()
     config = PipelineConfig(vehicle=default_vehicle(), model=models.load())

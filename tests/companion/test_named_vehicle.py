@@ -21,6 +21,7 @@ def test_a_name_is_a_file_that_ships_unless_there_is_a_file_of_that_name(tmp_pat
     assert chosen_vehicle(vehicle_path("quad")).name == chosen_vehicle(None).name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "dry"), [([], True), (["--vehicle", "tandem"], False)])
 def test_without_a_vehicle_nothing_is_sent_to_a_real_link(options, dry, capsys):
     port = free_port()

@@ -100,6 +100,7 @@ def test_the_page_asks_nobody_else():
     assert len(page) < 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 @pytest.mark.parametrize("size", ["400,800", "1280,900"])
 def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_path):

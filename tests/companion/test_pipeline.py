@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import companion.settle as settle_module
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, swing_detector
-from companion.control.authority import Reason
 from companion.control.compensation import Offset, slewed
 from companion.control.push import GAIN
+from companion.control.reasons import Reason
 from companion.control.state import PipelineState
 from companion.mavlink.samples import (
     Attitude,

@@ -12,7 +12,6 @@ from flying import bench
 
 from companion.control import plant, refusals, swing_detector
 from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
-from companion.control.authority import Notice, Reason
 from companion.control.plant import (
     FULL,
     AttitudeLoop,
@@ -25,6 +24,7 @@ from companion.control.plant import (
     margin_of,
     tune,
 )
+from companion.control.reasons import Notice, Reason
 from companion.control.swing_detector import SwingDetector, calmed, watch
 from companion.mavlink.firmware import Stack
 

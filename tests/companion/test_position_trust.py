@@ -12,7 +12,7 @@ from flying import bench
 
 import models
 from companion.config import PipelineConfig
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.estimation.position_trust import PositionTrust, position_reset
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import mavlink

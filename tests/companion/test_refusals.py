@@ -10,8 +10,9 @@ import pytest
 from flying import bench
 
 from companion.config import PipelineConfig
-from companion.control.authority import Reason
-from companion.control.refusals import lateness, refusals
+from companion.control.lateness import lateness
+from companion.control.reasons import Reason
+from companion.control.refusals import refusals
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
 from companion.estimation.estimator import Seen, Surface

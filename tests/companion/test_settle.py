@@ -9,7 +9,7 @@ from functools import cache
 from flying import bench
 
 from companion.config import PipelineConfig
-from companion.control.authority import Notice
+from companion.control.reasons import Notice
 from companion.control.state import Decision, PipelineState
 from companion.mavlink.samples import Attitude, LandedState
 from companion.pipeline import answer

@@ -112,6 +112,7 @@ def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
     assert report["messages"]["bad"] > 100
 
 
+@pytest.mark.slow
 def test_other_systems_are_ignored_and_counted(tmp_path: Path):
     port = free_port()
     command = flight_command(port, "--target-system", "1", "--duration", "4", "--json", "-")

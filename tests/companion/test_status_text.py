@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_flight import Run
 
-from companion.control.authority import Notice, Reason
+from companion.control.reasons import Notice, Reason
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.firmware import Stack
 from companion.mavlink.samples import Attitude, Heartbeat

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from companion.control.authority import HOLDS_BACK_EVERYTHING, Reason
 from companion.control.compensation import Offset
+from companion.control.reasons import HOLDS_BACK_EVERYTHING, Reason
 from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.telemetry.summary import Summary

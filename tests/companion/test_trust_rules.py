@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from flying import CONFIG, bench
 
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.mavlink.samples import Attitude, RotorSpeeds
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from models.frames import quaternion_from_euler

@@ -10,7 +10,7 @@ from flying import bench
 from simflight import vehicle
 from simulated import simulated
 
-from companion.control.authority import Notice
+from companion.control.reasons import Notice
 from companion.estimation.estimator import Seen, Surface
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink.samples import LocalPosition

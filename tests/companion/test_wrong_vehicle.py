@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from flying import CONFIG, Bench, bench
 
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.mavlink.samples import RotorSpeeds
 from companion.vehicles import default_vehicle
 from models.surrogate.empty import empty_model

@@ -157,6 +157,7 @@ def test_an_unknown_section_is_refused():
         polars.neural_section("nosuchsection")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("checkMesh") is None, reason="no flow solver here: apt-get install openfoam")
 @pytest.mark.parametrize("position", [POSITIONS[2], POSITIONS[5]], ids=lambda p: p.key)
 def test_the_solver_itself_finds_nothing_wrong_with_a_mesh(position, tmp_path):

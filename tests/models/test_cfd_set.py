@@ -196,6 +196,7 @@ def rms(values: np.ndarray) -> float:
     return math.sqrt(np.mean(values[:, 2] ** 2))
 
 
+@pytest.mark.slow
 def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out(rows):
     def added(h, d):
         """Made-up effect of swirl: a smooth lift lost near the ground, and a pull."""
@@ -220,6 +221,7 @@ def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out
     assert made.marks[here].sigma[2] > made.marks[solved].sigma[2]
 
 
+@pytest.mark.slow
 def test_a_full_model_that_swings_is_weighted_with_what_the_other_places_give(rows):
     swinging = Position(1.5, 0.3, 4000.0, swirl=True, level=SETUP.campaign.full_level)
     lift = -2.0
@@ -267,6 +269,7 @@ def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_
     assert made.table[with_ground, 5] == pytest.approx(wrench(Position(1.75, 1.0, 4000.0))[2])
 
 
+@pytest.mark.slow
 def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_that_can(rows):
     """Full models lose lift smoothly near the ground and gain a pull at random: lift is corrected, pull is not."""
     rng = np.random.default_rng(2)
@@ -357,6 +360,7 @@ def test_the_check_says_what_agrees_and_what_does_not(rows, checked):
     json.dumps(found)
 
 
+@pytest.mark.slow
 def test_the_check_judges_the_set_not_the_half_models_alone(rows):
     """Full models that gain less near the ground than half models: the ratio said is the set's."""
     less = [

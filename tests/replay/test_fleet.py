@@ -11,7 +11,7 @@ import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import flight, quad_flight, write_tlog
 
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
@@ -154,6 +154,7 @@ def test_what_logs_cannot_tell_apart_counts_as_one():
     assert common_effects([log("wind"), log("wind"), log("payload")]) == [["wind"]]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_a_real_browser_shows_the_page_of_a_folder(folder, tmp_path):
     out = tmp_path / "out"

@@ -174,6 +174,7 @@ def test_the_oracle_residual_of_a_null_is_sensor_noise_and_unsteady_air():
     assert np.abs(rest[:, 3:].mean(axis=0)).max() < 0.25  # N m
 
 
+@pytest.mark.slow
 def test_a_reboot_restarts_the_boot_clock_and_two_vehicles_have_two_systems():
     tape = fly(TANDEM, [Job(7, HOVER)], 8.0)
     sensors = rangers(TANDEM, ceiling=False, front=False)

@@ -251,6 +251,7 @@ def test_a_long_series_keeps_its_extremes() -> None:
     assert (np.diff(at) >= 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_a_real_browser_shows_the_page_on_phone_and_desktop_dark_and_light(weak: Diagnosis, tmp_path: Path) -> None:
     path = tmp_path / "report.html"

@@ -348,6 +348,7 @@ def test_the_same_flight_flies_alike_beside_others():
     assert beside.position == pytest.approx(alone.position, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_tlog_holds_what_was_flown(hovered, tmp_path):
     from pymavlink import mavutil
 

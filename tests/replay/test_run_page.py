@@ -10,7 +10,7 @@ import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import EPOCH_US, flight, write_tlog
 
-from companion.control.authority import Reason
+from companion.control.reasons import Reason
 from companion.mavlink.wire_frames import cut
 from replay.cli import main
 from replay.rerun import history

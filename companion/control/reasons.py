@@ -1,4 +1,4 @@
-"""The last stop before sending: every refusal has a name, and offsets fade rather than switch."""
+"""Why nothing is sent, or why offsets fade, in the words that the pilot reads."""
 
 from __future__ import annotations
 
@@ -62,29 +62,3 @@ class Notice(Enum):
     POSITION_DRIFTS = "position drifts against the wall range: watch the wall, be ready to take over"
     SOFTENED = "swinging: gains softened, offsets off for now"
     SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"
-
-
-_FADE_IN_S = 1.0
-"""As slowly as the integrators adapt, so that nothing is counted twice."""
-_FADE_OUT_S = 0.2
-"""As fast as the slew rates of a vehicle file's defaults allow a full offset to go."""
-
-
-def fade(authority: float, wanted: float, dt_s: float) -> float:
-    """Move the authority 0...1 towards ``wanted`` at most as fast as the fades allow."""
-    if wanted > authority:
-        return min(wanted, authority + dt_s / _FADE_IN_S)
-    return max(wanted, authority - dt_s / _FADE_OUT_S)
-
-
-def clipped(value: float, most: float) -> float:
-    """``value`` within +-``most``; a NaN stays one."""
-    # Comparisons rather than min and max, which take ten times as long: it runs dozens of times for every setpoint.
-    return -most if value < -most else most if value > most else value
-
-
-def slew(value: float, wanted: float, limit: float, step: float) -> float:
-    """Move ``value`` towards ``wanted`` clipped to +-``limit``, by at most ``step``."""
-    target = -limit if wanted < -limit else limit if wanted > limit else wanted
-    low, high = value - step, value + step
-    return low if target < low else high if target > high else target
