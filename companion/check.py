@@ -21,10 +21,10 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parameter
 from companion.control.lateness import LATE_FADE_S
 from companion.control.state import PipelineState
-from companion.mavlink import samples
+from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
-from companion.mavlink.message_filter import OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Sample

@@ -15,9 +15,10 @@ from companion.control.lateness import lateness
 from companion.control.state import Decision
 from companion.control.survey import Phase
 from companion.last_word import LastWord
+from companion.mavlink import AUTOPILOT_COMPONENT, OWN_COMPONENT
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
+from companion.mavlink.message_filter import HEARTBEAT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import Message, heartbeat, param_request_read, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget

@@ -16,10 +16,10 @@ from typing import Any
 from companion.control.lateness import LATE_FADE_S
 from companion.control.reasons import HOLDS_BACK_EVERYTHING
 from companion.control.state import Decision
-from companion.mavlink import samples
+from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import DOWN, dot, orientation_direction
 from companion.mavlink.samples import Quaternion, Sample

@@ -40,9 +40,8 @@ from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
-from companion.mavlink import samples
+from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle

@@ -67,7 +67,7 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
     from tqdm import tqdm
 
     from companion.invariants import Auditor
-    from companion.mavlink.message_filter import OWN_COMPONENT
+    from companion.mavlink import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
     from companion.mavlink.wire_frames import cut
     from replay.logs.formats import suffix_of

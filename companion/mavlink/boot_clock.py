@@ -24,7 +24,7 @@ from enum import Enum
 
 import numpy as np
 
-AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
+from companion.mavlink import AUTOPILOT_COMPONENT
 
 _WINDOW_US = 2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
 _BACK_US = 1_000_000  # samples are stamped up to some 0.3 s before they are sent, in any order
@@ -170,9 +170,9 @@ class BootClock:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
         if stamp <= 0:
             return self.unstamped(arrival_us)
-        if self.system is None and component == AUTOPILOT and unit is Stamp.BOOT_MS:
+        if self.system is None and component == AUTOPILOT_COMPONENT and unit is Stamp.BOOT_MS:
             self.system = system
-        ours = system == self.system and component == AUTOPILOT
+        ours = system == self.system and component == AUTOPILOT_COMPONENT
         if unit is Stamp.BOOT_MS:
             stamp *= 1000
             return self._main(stamp, arrival_us) if ours else self._other(system, component, stamp, arrival_us)

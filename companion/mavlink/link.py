@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
-from companion.mavlink import BAUD
+from companion.mavlink import BAUD, OWN_COMPONENT
 from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.signing import Signatures
@@ -185,7 +185,12 @@ def open_link(
     try:
         with redirect_stdout(None):
             connection = mavutil.mavlink_connection(
-                endpoint, baud=baud, source_system=_SYSTEM_UNKNOWN, source_component=191, retries=2, autoreconnect=True
+                endpoint,
+                baud=baud,
+                source_system=_SYSTEM_UNKNOWN,
+                source_component=OWN_COMPONENT,
+                retries=2,
+                autoreconnect=True,
             )
     except (OSError, EOFError) as error:
         raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None
@@ -194,7 +199,7 @@ def open_link(
     except Exception as error:  # pyserial and pymavlink raise their own
         raise LinkError(f"{endpoint}: cannot be opened: {error}") from None
     # Whatever dialect and version pymavlink was started with in this process.
-    connection.mav = mavlink.MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=191)
+    connection.mav = mavlink.MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=OWN_COMPONENT)
     if signing_key is not None:
         connection.setup_signing(signing_key, sign_outgoing=True)
     return Link(connection, endpoint, arrivals, number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.message_table import LAYOUTS, decode, stamp_of
@@ -10,12 +11,6 @@ from companion.mavlink.samples import Range, Sample
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 from companion.mavlink.wire_frames import Frame
 
-AUTOPILOT_COMPONENT = 1
-"""MAV_COMP_ID_AUTOPILOT1."""
-OWN_COMPONENT = 191
-"""MAV_COMP_ID_ONBOARD_COMPUTER."""
-NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 _DOWN_COS = 0.94
 """A beam within 20 degrees of straight down."""
 HEARTBEAT, _AUTOPILOT_BYTE = 0, 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from companion.mavlink import NO_AUTOPILOT
 from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.wire_frames import unpacked
 
@@ -9,7 +10,7 @@ TIMESYNC, _OURS_NS = 111, 191
 Message = tuple[int, bytes]
 """Message id, and the payload in wire order."""
 
-_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE, _MAVLINK = 18, 8, 4, 3
+_ONBOARD_CONTROLLER, _ACTIVE, _MAVLINK = 18, 4, 3
 
 
 def message(number: int, *fields: object) -> Message:
@@ -19,7 +20,7 @@ def message(number: int, *fields: object) -> Message:
 
 def heartbeat() -> Message:
     """HEARTBEAT of an onboard controller that is active."""
-    return message(0, 0, _ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, _ACTIVE, _MAVLINK)
+    return message(0, 0, _ONBOARD_CONTROLLER, NO_AUTOPILOT, 0, _ACTIVE, _MAVLINK)
 
 
 def param_request_read(system: int, component: int, name: str) -> Message:

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.boot_clock import Stamp
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_layout import Layout
 from models.errors import LogError
-from replay.logs.tlog import AUTOPILOT, Tlog, outliers
+from replay.logs.tlog import Tlog, outliers
 
 Micros = NDArray[np.int64]
 _WINDOW_US = 2_000_000
@@ -75,7 +76,7 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
         if layout.stamp is not Stamp.BOOT_MS:
             continue
         index = log.indices(layout.id, system)
-        index = index[log.component[index] == AUTOPILOT]
+        index = index[log.component[index] == AUTOPILOT_COMPONENT]
         if index.size:
             places.append(index)
             stamps.append(log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
@@ -118,12 +119,12 @@ class BootAxis:
         if wrap is not None:
             stamp += np.rint((by_arrival - stamp) / wrap).astype(np.int64) * wrap
         component = self._log.component[index]
-        ours = (component == AUTOPILOT) & (self._log.system[index] == self._system)
+        ours = (component == AUTOPILOT_COMPONENT) & (self._log.system[index] == self._system)
         direct = ours & (np.abs(stamp - by_arrival) <= _AGREE_US) & (stamp > 0)
         out = np.where(direct, stamp, by_arrival)
         for key in np.unique(component[~direct]):
             rows = np.flatnonzero(~direct & (component == key) & (stamp > 0))
-            if not rows.size or (key == AUTOPILOT and not (stamp[rows] > _UNIX_US).all()):
+            if not rows.size or (key == AUTOPILOT_COMPONENT and not (stamp[rows] > _UNIX_US).all()):
                 self.stamps_repaired += int(rows.size)
                 continue
             foreign = Envelope(arrival[rows], stamp[rows]).offset_us(arrival[rows])

@@ -21,8 +21,8 @@ from companion.mavlink.wire_layout import wire_format
 from models.errors import LogError
 from replay.logs.files import read_file
 
-AUTOPILOT, GROUND_STATION = 1, 190
-"""MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_MISSIONPLANNER."""
+GROUND_STATION = 190
+"""MAV_COMP_ID_MISSIONPLANNER."""
 _STAMP = 8
 """Bytes of the receiver's stamp before every frame."""
 _STAMP_TOLERANCE_US = 500_000

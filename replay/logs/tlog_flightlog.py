@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.message_table import LAYOUTS, columns
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
@@ -20,7 +21,7 @@ from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
 from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
 from replay.logs.timeline import BootAxis, boots
-from replay.logs.tlog import AUTOPILOT, Tlog, read_tlog
+from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_vehicle import VehicleChoice, choose, parameters
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
@@ -63,7 +64,7 @@ class _Boot:
 
     def _autopilot(self, name: str) -> Messages:
         table = self._table(name)
-        return table.where(table["component"] == AUTOPILOT)
+        return table.where(table["component"] == AUTOPILOT_COMPONENT)
 
     def flightlog(self, boot: int, known: dict[str, float]) -> FlightLog:
         """All columns; ``known``: the vehicle's parameters."""
@@ -154,7 +155,7 @@ class _Boot:
         low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
         distance = table.series(table["distance"])
         if distance is not None:
-            out.append(range_beam(_DOWN, (AUTOPILOT, 0, _DOWNWARD), distance, (low, high)))
+            out.append(range_beam(_DOWN, (AUTOPILOT_COMPONENT, 0, _DOWNWARD), distance, (low, high)))
         return tuple(out)
 
     def _distance_beams(self, table: Messages) -> Iterable[Beam]:

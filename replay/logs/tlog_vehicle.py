@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.sample_builders import parameter_value
 from models.errors import LogError
-from replay.logs.tlog import AUTOPILOT, GROUND_STATION, Tlog
+from replay.logs.tlog import GROUND_STATION, Tlog
 
 _HEARTBEAT, _PARAM_VALUE = 0, 22
 _MOTION = (27, 30, 31, 32, 105)
@@ -53,7 +54,7 @@ def choose(log: Tlog, target: int | None = None) -> VehicleChoice:
     A vehicle is a system whose component 1 sends HEARTBEAT with an autopilot; without any, one that sends attitudes.
     It flies where it was armed at some time and its rotors turned. Raises LogError where there is none.
     """
-    of_autopilot = log.component == AUTOPILOT
+    of_autopilot = log.component == AUTOPILOT_COMPONENT
     beats = np.flatnonzero(of_autopilot & (log.message_id == _HEARTBEAT))
     beat = log.records(_HEARTBEAT, beats)
     vehicles = np.unique(log.system[beats[beat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID]]).tolist()
@@ -87,7 +88,7 @@ def parameters(log: Tlog, system: int) -> dict[str, float]:
     index = log.indices(_PARAM_VALUE)
     component = log.component[index]
     station = index[component == GROUND_STATION]
-    own = index[(component == AUTOPILOT) & (log.system[index] == system)]
+    own = index[(component == AUTOPILOT_COMPONENT) & (log.system[index] == system)]
     out = {}
     for record in log.records(_PARAM_VALUE, np.concatenate([station, own])):
         number = parameter_value(float(record["param_value"]), int(record["param_type"]))

@@ -14,8 +14,8 @@ from companion.config import PipelineConfig
 from companion.estimation import estimator as est
 from companion.estimation.estimator import Seen
 from companion.estimation.ring_planes import placed, ring_view
+from companion.mavlink import OWN_COMPONENT
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.message_filter import OWN_COMPONENT
 from companion.mavlink.message_table import decode
 from companion.mavlink.samples import Ring
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
