@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.effects.effect import AdoptedEffect
+from models.errors import ModelError
 from models.frames import Array
 from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates
@@ -76,10 +77,14 @@ class FanSurrogate:
     info: Mapping[str, Any] = field(default_factory=dict)
     """Everything else model.json says: method, data, metrics, fidelity."""
 
+    def __post_init__(self) -> None:
+        if "fan" not in self.info and any(e.name == "surface_law" for e in self.effects):
+            raise ModelError("surface_law needs the fan's radius; diagnose the logs again and save the model")
+
     @cached_property
     def _corrections(self) -> list[LawCorrection]:
-        radius = self.info.get("fan", {}).get("radius_m", math.nan)
-        return [LawCorrection.of(e.parameters, radius) for e in self.effects if e.name == "surface_law"]
+        laws = [e.parameters for e in self.effects if e.name == "surface_law"]
+        return [LawCorrection.of(parameters, self.info["fan"]["radius_m"]) for parameters in laws]
 
     @cached_property
     def _scales(self) -> tuple[Array, Array, Array, Array]:

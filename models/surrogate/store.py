@@ -84,9 +84,6 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
         with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
             arrays = dict(archive)
     with _named(path):
-        effects = tuple(map(_effect, manifest["effects"]))
-        if "fan" not in manifest and any(e.name == "surface_law" for e in effects):
-            raise ModelError("surface_law needs the fan's radius; diagnose the logs again and save the model")
         regressor: Regressor = REGRESSORS[manifest["regressor"]].from_arrays(arrays)
         return FanSurrogate(
             FreeAir(**_tuples(manifest["free_air"])),
@@ -94,7 +91,7 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
             regressor,
             Calibration(**_tuples(manifest["calibration"])),
             Domain(arrays["domain_map"], **manifest["domain"]),
-            effects=effects,
+            effects=tuple(map(_effect, manifest["effects"])),
             info={k: v for k, v in manifest.items() if k not in _OWN_KEYS},
         )
 
