@@ -148,6 +148,19 @@ class LogFault:
     what: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class SourceChoice:
+    """Which of several instances a quantity was read from, and why."""
+
+    quantity: str
+    """``battery imu outputs position pressure clock frame``, or what else was chosen."""
+    chosen: str
+    """Name of the instance, such as ``BATTERY_STATUS id 1``."""
+    others: tuple[str, ...] = ()
+    """Names of the instances that were left aside."""
+    why: str
+
+
 @dataclass(frozen=True)
 class Interval:
     """start <= t < end [s, boot axis], and what held then (a mode number, a landed state)."""
@@ -250,6 +263,8 @@ class FlightLog:
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
+    sources: tuple[SourceChoice, ...] = ()
+    """Which instance each quantity was read from."""
     summary: LogSummary = field(repr=False, default=LogSummary(0, 0, ()))
 
     @property
