@@ -149,7 +149,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case samples.RotorSpeeds():
             return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))
-        case samples.ServoOutput() if sample.port == 0:
+        case samples.ServoOutput() if sample.port == config.vehicle.servo_port:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
         case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
             seen = engagement.hear_heartbeat(state.engagement, sample)

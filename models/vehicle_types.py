@@ -73,14 +73,17 @@ class Vane:
 class Throttle:
     """Thrust of a rotor from its servo output, where no rotor speed is telemetered.
 
-    thrust = max_thrust_n * ((1 - expo) u + expo u^2), u = (pwm - min)/(max - min), at ``voltage_v``.
+    thrust = max_thrust_n * ((1 - expo) u + expo u^2), u = (pwm - min)/(max - min), at ``voltage_v``. Outputs are taken
+    as the autopilot sends them: pulses in us, DShot of PX4 0 to 1999, CAN 0 to 8191.
     """
 
     max_thrust_n: Annotated[float, above(0.0, 1e5)]
     expo: Annotated[float, Bounds(-1.0, 1.0)]
-    pwm_min_us: Annotated[float, Bounds(0.0, 3000.0)]
-    pwm_max_us: Annotated[float, Bounds(0.0, 3000.0)]
+    pwm_min_us: Annotated[float, Bounds(0.0, 10_000.0)]
+    pwm_max_us: Annotated[float, Bounds(0.0, 10_000.0)]
     voltage_v: Annotated[float, above(0.0, 1000.0)]
+    port: Annotated[int, Bounds(0, 7)] = 0
+    """SERVO_OUTPUT_RAW.port that the rotors' ``servo`` counts on: 1 for PX4's AUX outputs beside an IO chip."""
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
@@ -214,6 +217,11 @@ class Vehicle:
     def disc_area_m2(self) -> float:
         """A = pi R^2 of one disc."""
         return math.pi * self.rotor_radius_m**2
+
+    @property
+    def servo_port(self) -> int:
+        """SERVO_OUTPUT_RAW.port that the outputs of rotors and vanes count on."""
+        return self.throttle.port if self.throttle is not None else 0
 
     @property
     def telemetered(self) -> bool:

@@ -19,6 +19,7 @@ from models.pages.document import write_document
 from models.surrogate.store import load
 from models.text_file import write_json
 from models.vehicle import Vehicle
+from replay.pipeline_options import source_settings
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 
@@ -29,8 +30,9 @@ def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicl
 
 
 def given(a: argparse.Namespace) -> Given:
-    """What ``--mass``, ``--propeller`` and ``--span`` say of a vehicle that is drafted."""
-    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span)
+    """What ``--mass``, ``--propeller``, ``--span`` and ``--set`` say of a vehicle that is drafted."""
+    diameter_m = None if a.propeller is None else a.propeller * INCH_M
+    return Given(a.mass, diameter_m, a.span, source_settings(a.set))
 
 
 def of_logs(

@@ -89,6 +89,10 @@ class ImuRecord:
     clipped: int
     """Samples that the autopilot counted as clipped (VIBRATION), or that stand at the record's extreme three times or
     more above 3 g. Above 0 the mean of the specific force is not to be trusted."""
+    instance: int = 0
+    """The autopilot's number of it, from 0."""
+    healthy: bool | None = None
+    """What the autopilot says of it; None where it says nothing."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,35 @@ class LogFault:
     what: str
 
 
+@dataclass(frozen=True)
+class Lane:
+    """One lane (core) of the autopilot's estimator; columns as in ``FlightLog``."""
+
+    position: Series | None
+    velocity: Series | None
+    attitude: Series | None = None
+
+
+@dataclass(frozen=True)
+class MotorOutputs:
+    """Where the outputs of the motors are."""
+
+    port: int = 0
+    """SERVO_OUTPUT_RAW.port of ``FlightLog.servo``."""
+    group: str = ""
+    """``MAIN``, ``AUX``, ``CAN`` ... of PX4; empty elsewhere."""
+    numbers: Mapping[int, int] = field(default_factory=dict)
+    """Motor number to output, both from 1; empty where no parameter says it."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """The instance that the autopilot says it uses, and the message or parameter that says so."""
+
+    name: str
+    by: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class SourceChoice:
     """Which of several instances a quantity was read from, and why."""
@@ -198,6 +231,11 @@ def _cut(column: Any, start_s: float, end_s: float) -> Any:
             i, j = column.distance.t_s.searchsorted((start_s, end_s)).tolist()
             distance = column.distance.between(start_s, end_s)
             return replace(column, distance=distance, verdicts=column.verdicts[i:j]) if distance else None
+        case Lane():
+            position = _cut(column.position, start_s, end_s)
+            velocity = _cut(column.velocity, start_s, end_s)
+            attitude = _cut(column.attitude, start_s, end_s)
+            return Lane(position, velocity, attitude)
         case EscRecord():
             return EscRecord(_cut(column.rpm, start_s, end_s), _cut(column.temperature_c, start_s, end_s))
         case tuple():
@@ -230,20 +268,32 @@ class FlightLog:
     velocity: Series | None = None
     """(n, 3) m/s NED."""
     imus: tuple[ImuRecord, ...] = ()
-    """Best first: float before quantised, fast before slow."""
+    """The chosen one first, then float before quantised, fast before slow."""
     beams: tuple[Beam, ...] = ()
     rings: tuple[Ring, ...] = ()
     """In order of time."""
     escs: Mapping[int, EscRecord] = field(default_factory=dict)
     """By ESC number, from 1; ESCs that never turned nor counted are left out."""
     servo: Series | None = None
-    """(n, 16) us of port 0; 0 is no pulse."""
+    """(n, 16) outputs of the port that drives the motors, as sent: pulses in us, DShot of PX4 0 to 1999, CAN 0 to 8191;
+    0 is no pulse."""
     servo_ports: Mapping[int, Series] = field(default_factory=dict)
     """The same by port: PX4 sends its AUX outputs, ArduPilot outputs 17-32, as port 1."""
+    motor_commands: Series | None = None
+    """(n, 16) thrust that PX4 asks of each motor (actuator_motors), as pulses of 1000 to 2000 us by motor number."""
+    motor_outputs: MotorOutputs = field(default_factory=MotorOutputs)
     battery: Series | None = None
-    """(n, 2) V, A of battery 0; NaN where not measured."""
+    """(n, 2) V, A of the battery that feeds the motors; NaN where not measured."""
+    batteries: Mapping[str, Series] = field(default_factory=dict)
+    """Every battery, by name."""
     pressure: Series | None = None
-    """(n, 2) Pa, deg C."""
+    """(n, 2) Pa, deg C of the chosen barometer."""
+    pressures: Mapping[str, Series] = field(default_factory=dict)
+    """Every barometer, by name."""
+    lanes: Mapping[str, Lane] = field(default_factory=dict)
+    """Every lane of the estimator, by name, where a log holds them apart."""
+    stated: Mapping[str, Stated] = field(default_factory=dict)
+    """What the log says of the instances in use, by quantity."""
     thrust_command: Series | None = None
     """(n, 1) thrust of ATTITUDE_TARGET, 0...1 (as its firmware means it), before angle boost on ArduPilot."""
     attitude_target: Series | None = None

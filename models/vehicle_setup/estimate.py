@@ -7,20 +7,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from models.frames import GRAVITY
+import numpy as np
+
+from models.frames import GRAVITY, Array
 from models.vehicle import RHO_SEA_LEVEL, Vector3
 from models.vehicle_setup.motor_layouts import Motor
+from models.vehicle_setup.motor_outputs import AUX, CAN, MAIN
 
 OPEN_ROTOR_CT = 0.0130
 """C_T = T/(rho A Omega^2 R^2) of an open two-blade propeller in hover; 0.010 to 0.017 were measured on propellers of
 drones (static data of Brandt and Selig 2011 in these units)."""
 EXPO = 0.65
 """Thrust over throttle of an ESC with a common propeller: ArduPilot's default of MOT_THST_EXPO."""
-_DSHOT = (
-    ("MOT_PWM_TYPE", range(4, 8)), ("PWM_MAIN_TIM0", range(-5, -1)), ("PWM_AUX_TIM0", range(-5, -1)),
-    ("DSHOT_CONFIG", (150, 300, 600, 1200)),
-)  # fmt: skip
-"""Parameters, and which of their values mean DShot."""
+_ARDUPILOT_DSHOT = range(4, 8)
+"""MOT_PWM_TYPE of DShot 150 to 1200, which ArduPilot logs as pulses of 1000 to 2000 us."""
+_PX4_DSHOT = range(-5, -1)
+"""PWM_MAIN_TIMn and PWM_AUX_TIMn of DShot 150 to 1200."""
+_DSHOT_FULL, _CAN_FULL = 1999.0, 8191.0
+"""Full throttle of the outputs that PX4 logs for DShot and for CAN."""
+_TIMERS = 16
 _RC = ("RC3_MIN", "RC3_MAX")
 _AT_ROTORS = 0.35
 """Share of the mass that sits at the arms' ends: motors, propellers, ESCs and the outer halves of the arms."""
@@ -65,10 +70,15 @@ def throttle_output(parameters: Mapping[str, float], hover: float) -> tuple[floa
 
 
 def _inverse(expo: float, thrust: float) -> float:
-    """x of expo x^2 + (1 - expo) x = thrust."""
+    return float(thrust_to_output(np.asarray(thrust), expo))
+
+
+def thrust_to_output(thrust: Array, expo: float) -> Array:
+    """Output x of expo x^2 + (1 - expo) x = thrust, both 0...1, elementwise (PX4's THR_MDL_FAC as ``expo``)."""
     if expo < 1e-3:
         return thrust
-    return ((expo - 1.0) + math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo)
+    root = np.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)
+    return np.asarray((root - (1.0 - expo)) / (2.0 * expo))
 
 
 def max_thrust(mass_kg: float, rotors: int, expo: float, output: float) -> float:
@@ -76,20 +86,37 @@ def max_thrust(mass_kg: float, rotors: int, expo: float, output: float) -> float
     return _round(mass_kg * GRAVITY / rotors / ((1.0 - expo) * output + expo * output**2))
 
 
-def pwm_range(parameters: Mapping[str, float], output: int = 1) -> tuple[float, float, str]:
-    """Pulse widths [us] of zero and full output, and the parameter that says the latter (empty: none does).
+def pwm_range(parameters: Mapping[str, float], output: int = 1, group: str = "") -> tuple[float, float, str]:
+    """Outputs at zero and at full thrust, and the parameter that says the latter (empty: none does).
 
-    MOT_PWM_MIN and MAX (0: RC3_MIN and MAX), or PWM_MAIN_MINn and MAXn of an ``output`` with a motor. DShot has no
-    pulses: 1000 to 2000.
+    MOT_PWM_MIN and MAX (0: RC3_MIN and MAX) of ArduPilot, whose DShot is logged as 1000 to 2000. On PX4 by ``group``:
+    PWM_MAIN_MINn and MAXn of an ``output`` with a motor, 0 to 1999 where a timer is set to DShot, 0 to 8191 on CAN.
     """
-    for name, digital in _DSHOT:
-        if int(parameters.get(name, 0)) in digital:
-            return 1000.0, 2000.0, name
-    px4 = ((f"PWM_{side}_MIN{output}", f"PWM_{side}_MAX{output}") for side in ("MAIN", "AUX"))
+    if int(parameters.get("MOT_PWM_TYPE", 0)) in _ARDUPILOT_DSHOT:
+        return 1000.0, 2000.0, "MOT_PWM_TYPE"
+    if group == CAN:
+        return 0.0, _CAN_FULL, f"UAVCAN_EC_FUNC{output}"
+    sides = [side for side in (MAIN, AUX) if group in ("", side)]
+    digital = _px4_dshot(parameters, sides)
+    if digital:
+        return 0.0, _DSHOT_FULL, digital
+    px4 = [(f"PWM_{side}_MIN{output}", f"PWM_{side}_MAX{output}") for side in sides]
     for low, high in (("MOT_PWM_MIN", "MOT_PWM_MAX"), *px4, _RC):
         if parameters.get(high, 0.0) > parameters.get(low, 0.0) > 0.0:
             return float(parameters[low]), float(parameters[high]), high
     return 1000.0, 2000.0, ""
+
+
+def _px4_dshot(parameters: Mapping[str, float], sides: Sequence[str]) -> str:
+    """The parameter of PX4 that sets outputs to DShot; empty where none does."""
+    if parameters.get("DSHOT_CONFIG", 0.0) > 0.0:
+        return "DSHOT_CONFIG"
+    for side in sides:
+        for timer in range(_TIMERS):
+            name = f"PWM_{side}_TIM{timer}"
+            if int(parameters.get(name, 0)) in _PX4_DSHOT:
+                return name
+    return ""
 
 
 def _round(value: float) -> float:

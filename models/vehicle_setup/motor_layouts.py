@@ -58,16 +58,6 @@ _ARDUPILOT = {
     (3, 1): "octo-x", (4, 1): "octaquad-x", (5, 0): "y6", (5, 1): "y6", (5, 10): "y6b",
 }  # fmt: skip
 """(FRAME_CLASS, FRAME_TYPE)."""
-_MOTORS = (*range(33, 41), *range(82, 86))
-"""Motors 1 to 12 in SERVOn_FUNCTION (ArduPilot)."""
-_PX4_MOTORS = tuple(range(101, 113))
-"""The same on PX4."""
-_FUNCTIONS = (
-    ("SERVO{}_FUNCTION", _MOTORS), ("PWM_MAIN_FUNC{}", _PX4_MOTORS), ("PWM_AUX_FUNC{}", _PX4_MOTORS),
-    ("UAVCAN_EC_FUNC{}", _PX4_MOTORS),
-)  # fmt: skip
-_OUTPUTS = 16
-"""Outputs that SERVO_OUTPUT_RAW carries."""
 
 
 def ardupilot_frame(parameters: Mapping[str, float]) -> str | None:
@@ -88,19 +78,3 @@ def px4_motors(parameters: Mapping[str, float]) -> tuple[tuple[Motor, ...], floa
         for k, ((x, y, z), spin) in enumerate(zip(places, spins, strict=True), 1)
     )
     return motors, arm
-
-
-def outputs(parameters: Mapping[str, float], count: int) -> dict[int, int]:
-    """Motor number to output (SERVO_OUTPUT_RAW channel), by the parameters; else the same number."""
-    own = declared_outputs(parameters)
-    return {motor: own.get(motor, motor) for motor in range(1, count + 1)}
-
-
-def declared_outputs(parameters: Mapping[str, float]) -> dict[int, int]:
-    """Motor number to output, of the motors that SERVOn_FUNCTION or PX4's PWM_MAIN_FUNCn (else AUX, else CAN) name."""
-    for name, functions in _FUNCTIONS:
-        given = {k: parameters.get(name.format(k), -1.0) for k in range(1, _OUTPUTS + 1)}
-        motors = {functions.index(int(f)) + 1: k for k, f in given.items() if f in functions}
-        if motors:
-            return motors
-    return {}

@@ -28,6 +28,10 @@ class Answers:
     """Centre to motor axis."""
     numbers: Mapping[int, int]
     """Motor number to ESC or output."""
+    port: int = 0
+    """SERVO_OUTPUT_RAW.port of the outputs."""
+    group: str = ""
+    """PX4's driver of the outputs: ``MAIN``, ``AUX``, ``CAN``."""
     telemetered: bool = True
     voltage_v: float = 0.0
     """Of the battery in hover."""
@@ -67,12 +71,19 @@ def _hover(a: Answers) -> tuple[float, str]:
 
 def _throttle(a: Answers, hover: float, said: dict[str, str]) -> Throttle:
     expo, output = throttle_output(a.parameters, hover)
-    low, high, pwm = pwm_range(a.parameters, min(a.numbers.values()))
+    low, high, pwm = pwm_range(a.parameters, min(a.numbers.values()), a.group)
     said["pwm_max_us"] = pwm or USUAL_PULSES
     said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers"
     said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS)
     said["voltage_v"] = "of the battery in hover"
-    return Throttle(max_thrust(a.mass_kg, len(a.motors), expo, output), expo, low, high, a.voltage_v)
+    return Throttle(
+        max_thrust_n=max_thrust(a.mass_kg, len(a.motors), expo, output),
+        expo=expo,
+        pwm_min_us=low,
+        pwm_max_us=high,
+        voltage_v=a.voltage_v,
+        port=a.port,
+    )
 
 
 def places(motors: tuple[Motor, ...]) -> list[list[Motor]]:

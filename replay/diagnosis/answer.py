@@ -18,6 +18,7 @@ from replay.residual.record import Record
 from replay.search.curves import CarryingChannel
 from replay.search.outside import Outside
 from replay.search.results import Found, Searched, corrected_together
+from replay.sources.choose import source_notes, sources_json
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 """Of the axes."""
@@ -85,6 +86,7 @@ class Diagnosis(Searched):
         content: dict[str, Any] = rounded(
             {
                 "logs": list(dict.fromkeys(str(r.path) for r in self.records)),
+                "source": {r.name: sources_json(r.sources) for r in self.records},
                 "samples": int(sum(r.valid.sum() for r in self.records)),
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
@@ -125,7 +127,13 @@ class Diagnosis(Searched):
         lines += [text for f in self.found for text in _effect_text(f, self)]
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
         lines += [f"  {outside_text(o)}" for t in self.traces for o in t.outside]
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        notes = [*self.notes, *self._read_from()]
+        return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
+
+    def _read_from(self) -> list[str]:
+        """A note for every quantity that a flight held several times."""
+        notes = [f"{r.name}: {note}" for r in self.records for note in source_notes(r.sources)]
+        return list(dict.fromkeys(notes))
 
 
 def rms_interval(residual: Array, step_s: float) -> tuple[float, float, float]:

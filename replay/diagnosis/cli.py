@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
-from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options
+from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options, add_source_option
 
 _EPILOG = f"{EXIT_CODES} How to read the answer: docs/diagnose.md."
 
@@ -47,6 +47,7 @@ def add_parser(commands: Any) -> None:
         "--since", nargs="+", metavar="GOOD",
         help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
     )  # fmt: skip
+    add_source_option(p)
     add_answer_options(p)
     add_folder_options(p)
     p.set_defaults(run=run)
@@ -74,7 +75,14 @@ def run(a: argparse.Namespace) -> int:
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
-    answer = diagnose(a.logs, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
+    answer = diagnose(
+        a.logs,
+        vehicle,
+        chosen.judged,
+        target_system=a.target_system,
+        settings=given(a).settings,
+        progress=progress_bar(a),
+    )
     faults = model_faults(answer.records, chosen)
     notes = [] if chosen.note is None else [chosen.note]
     notes += warnings(vehicle) if draft is None else draft.notes
@@ -124,4 +132,5 @@ def _folder(a: argparse.Namespace) -> int:
     for option in ("test", "save_vehicle", "save_model"):
         said = f"a folder's logs may be of several vehicles; {instead} --{option.replace('_', '-')}"
         refuse(a, (option,), said)
+    refuse(a, ("set",), f"names an instance of one log; give that log, not the folder {a.logs[0]}")
     return run_folder(a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,10 +28,14 @@ def diagnose(
     model: FanSurrogate | None,
     *,
     target_system: int | None = None,
+    settings: Mapping[str, str] | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
-    """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
-    records, notes = read_records(progress(paths), vehicle, model, target_system)
+    """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read.
+
+    ``settings``: the instance to read, by quantity.
+    """
+    records, notes = read_records(progress(paths), vehicle, model, target_system, settings)
     return conclude(records, notes)
 
 
@@ -61,7 +65,11 @@ def conclude(
 
 
 def read_records(
-    paths: Iterable[Path], vehicle: Vehicle, model: FanSurrogate | None, target_system: int | None
+    paths: Iterable[Path],
+    vehicle: Vehicle,
+    model: FanSurrogate | None,
+    target_system: int | None,
+    settings: Mapping[str, str] | None = None,
 ) -> tuple[list[Record], list[str]]:
     """Flights of some logs, and what is to be said of reading them.
 
@@ -77,7 +85,7 @@ def read_records(
         own = Stretches()
         boot = 0
         try:
-            for log in load(path, target_system):
+            for log in load(path, target_system, settings):
                 boot = log.boot
                 for part in log.stretches():
                     if not own.wants_next():

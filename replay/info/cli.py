@@ -11,7 +11,7 @@ from typing import Any
 from companion.vehicles import vehicle_path
 from models.arguments import speaks
 from models.errors import LogError
-from replay.pipeline_options import add_answer_options, assumed_parameters
+from replay.pipeline_options import add_answer_options, add_source_option, assumed_parameters, source_settings
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log was unreadable; 130 interrupted."""
 
@@ -31,6 +31,7 @@ def add_parser(commands: Any) -> None:
         "--param", action="append", default=[], metavar="NAME=VALUE",
         help="take an autopilot parameter as given where a log lacks it, such as GUID_OPTIONS=8",
     )  # fmt: skip
+    add_source_option(p)
     add_answer_options(p, "the answers as a JSON list")
     p.set_defaults(run=run)
 
@@ -49,17 +50,18 @@ def run(a: argparse.Namespace) -> int:
     folders = any(log.is_dir() for log in a.logs)
     logs = [path for log in a.logs for path in (logs_in(log)[0] if log.is_dir() else [log])]
     assumed = assumed_parameters(a.param)
+    known = Given(settings=source_settings(a.set))
     answers: list[dict[str, Any]] = []
     failed = 0
     for path in progress_bar(a)(logs):
         refusal = ""
         try:
-            vehicle, chosen, draft = of_logs(a.vehicle, a.model, [path], Given(), a.target_system, measured=a.companion)
+            vehicle, chosen, draft = of_logs(a.vehicle, a.model, [path], known, a.target_system, measured=a.companion)
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
             vehicle, chosen, draft = *declared(None, a.model), None
         try:
-            answer = inspect(path, vehicle, a.target_system, refusal)
+            answer = inspect(path, vehicle, a.target_system, refusal, known.settings)
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})

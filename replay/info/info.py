@@ -18,6 +18,7 @@ from replay.info.contents import Stream, streams
 from replay.logs.formats import load
 from replay.numbers import rounded
 from replay.rerun.report import run
+from replay.sources.choose import source_notes, sources_json
 
 _BEST = (Extent.YES, Extent.PARTLY, Extent.NO)
 _STACKS: dict[int | None, str] = {None: "unknown", **{stack.value: stack.name.lower() for stack in Stack}}
@@ -42,6 +43,10 @@ class BootInfo:
     parameters: int
     streams: Sequence[Stream]
     judges: Sequence[Ability]
+    source: Mapping[str, Mapping[str, Any]]
+    """Which instance each quantity was read from, and why, by quantity."""
+    read_from: Sequence[str]
+    """The same in words, of what came several times."""
     notes: Sequence[str]
 
 
@@ -59,8 +64,9 @@ class LogInfo:
     """What the pipeline of flight decided; None where it was not asked."""
 
     def as_json(self) -> Any:
-        """Plain numbers, by the names of the fields."""
-        return rounded(asdict(self))
+        """Plain numbers, by the names of the fields; ``source`` of the longest boot beside them."""
+        longest = max(self.boots, key=lambda boot: boot.duration_s)
+        return rounded(asdict(self) | {"source": longest.source})
 
     def as_line(self) -> str:
         """One line of a list of logs."""
@@ -82,12 +88,18 @@ class LogInfo:
         return "\n".join(out)
 
 
-def inspect(path: Path, vehicle: Vehicle, target_system: int | None = None, refusal: str = "") -> LogInfo:
+def inspect(
+    path: Path,
+    vehicle: Vehicle,
+    target_system: int | None = None,
+    refusal: str = "",
+    settings: Mapping[str, str] | None = None,
+) -> LogInfo:
     """Read one log as ``vehicle``. Raises LogError where it cannot be read; what it lacks is in the answer.
 
-    ``refusal``: why no diagnosis would take it, where that is known.
+    ``refusal``: why no diagnosis would take it, where that is known. ``settings``: the instance to read, by quantity.
     """
-    boots = [_boot(log, vehicle) for log in load(path, target_system)]
+    boots = [_boot(log, vehicle) for log in load(path, target_system, settings)]
     return LogInfo(str(path), path.stat().st_size, vehicle.name, boots, refusal)
 
 
@@ -126,6 +138,8 @@ def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:
         parameters=len(log.parameters),
         streams=streams(log),
         judges=abilities(log, vehicle),
+        source=sources_json(log.sources),
+        read_from=source_notes(log.sources),
         notes=log.summary.notes,
     )
 
@@ -149,6 +163,7 @@ def _boot_text(boot: BootInfo) -> list[str]:
         rate = "once" if s.rate_hz is None else f"{s.rate_hz:.1f} Hz"
         good = "" if s.share_good is None else f", {s.share_good:.0%} good"
         out.append(f"  {s.name:<26} {s.count:>8} {rate:>9} {s.gaps:>5} {s.longest_gap_s:>6.2f} s  {s.source}{good}")
+    out += [f"  read from {note}" for note in boot.read_from]
     out.append("  can be judged")
     for a in boot.judges:
         out.append(f"  {a.answer.value:<6} {a.question}: {a.why}")

@@ -13,7 +13,19 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
+from models.frames import Array
+from models.vehicle_setup.motor_outputs import PORT_OUTPUTS
+from replay.flightlog import (
+    Beam,
+    EscRecord,
+    FlightLog,
+    ImuRecord,
+    Interval,
+    Lane,
+    LogSummary,
+    Series,
+    Stated,
+)
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
 from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
 
@@ -29,7 +41,11 @@ _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
 _CENTI, _MILLI = 0.01, 0.001
-_CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
+_PREFIXES = ("C", "Ch", "Chan")
+"""Of the outputs in RCOU: today's, those of ArduCopter 3.3, and those before."""
+_PORTS = 2
+"""Ports of 16 outputs: RCOU, RCO2 and RCO3 hold 32."""
+_UNKNOWN = 255
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
@@ -56,25 +72,21 @@ def flightlog(data: Dataflash) -> FlightLog:
     spanning = [data.of(kind).t_s for kind in ("ATT", *IMUS, *EKF)]
     start, end = time_span(data.path, spanning, "ATT, IMU or EKF message")
     imus, texts = _imus(data), list(data.texts())
-    ekf_kind = next((kind for kind in EKF if len(data.of(kind))), EKF[-1])
-    ekf = _of(data.of(ekf_kind), "C")
-    baro, vibration, modes = _of(data.of("BARO"), "I"), _of(data.of("VIBE"), "IMU"), data.of("MODE")
-    servo = _servo(data.of("RCOU"))
+    lanes = _lanes(data)
+    vibration, modes = _of(data.of("VIBE"), "IMU"), data.of("MODE")
     return FlightLog(
         path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
         vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in texts) else None,
-        attitude=_attitude(data),
-        # RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
-        rates=imus[0].gyro if imus else None,
-        position=ekf.series(ekf.columns("PN", "PE", "PD")),
-        velocity=ekf.series(ekf.columns("VN", "VE", "VD")),
+        attitude=_angles(data.of("ATT"), "Roll", "Pitch", "Yaw"),
+        # No rates: RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
         imus=imus,
+        lanes=lanes,
         beams=_beams(data.of("RFND")),
         escs=_escs(data),
-        servo=servo,
-        servo_ports={} if servo is None else {_FIRST_PORT: servo},
-        battery=_battery(data),
-        pressure=baro.series(baro.columns("Press", "Temp")),
+        servo_ports=_servos(data),
+        batteries=_batteries(data),
+        pressures=_pressures(data),
+        stated=_stated(data, lanes),
         thrust_command=_thrust(data.of("CTUN")),
         attitude_target=_angles(data.of("ATT"), "DesRoll", "DesPitch", "DesYaw"),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
@@ -97,12 +109,55 @@ def _of(messages: Messages, field: str, instance: int = 0) -> Messages:
     return messages.where(_whole(messages, field, 0) == instance)
 
 
-def _attitude(data: Dataflash) -> Series | None:
-    """The first EKF core's quaternion, or ATT's angles, whichever is faster."""
-    core = _of(data.of("XKQ") if len(data.of("XKQ")) else data.of("NKQ"), "C")
-    if len(core) >= len(data.of("ATT")) and len(core):
-        return core.series(unflipped(core.columns("Q1", "Q2", "Q3", "Q4")))
-    return _angles(data.of("ATT"), "Roll", "Pitch", "Yaw")
+def _instance_field(messages: Messages, *names: str) -> NDArray[np.int64]:
+    """The instance of each message (n,), by the first of these fields that its version has; 0 where it has none."""
+    name = next((name for name in names if name in messages), names[0])
+    return _whole(messages, name, 0)
+
+
+def _lanes(data: Dataflash) -> dict[str, Lane]:
+    """Every core of every filter, with its quaternion where that was logged."""
+    out = {}
+    for kind, turns in zip(EKF, ("XKQ", "NKQ", ""), strict=True):
+        states = data.of(kind)
+        attitudes = data.of(turns)
+        cores = _whole(states, "C", 0)
+        of_attitudes = _whole(attitudes, "C", 0)
+        for core in np.unique(cores).tolist():
+            own = states.where(cores == core)
+            turned = attitudes.where(of_attitudes == core)
+            lane = Lane(
+                position=own.series(own.columns("PN", "PE", "PD")),
+                velocity=own.series(own.columns("VN", "VE", "VD")),
+                attitude=turned.series(unflipped(turned.columns("Q1", "Q2", "Q3", "Q4"))),
+            )
+            if lane.position is not None:
+                out[f"{kind} core {core}"] = lane
+    return out
+
+
+def _stated(data: Dataflash, lanes: Mapping[str, Lane]) -> dict[str, Stated]:
+    """The lane that was primary most of the time (XKF4.PI), and the IMU that this lane uses (EK3_IMU_MASK)."""
+    for kind, status, mask_name in (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK")):
+        primary = _of(data.of(status), "C").column("PI")
+        known = primary[np.isfinite(primary)].astype(np.int64)
+        if not known.size or f"{kind} core 0" not in lanes:
+            continue
+        core = int(np.bincount(known).argmax())
+        out = {"position": Stated(f"{kind} core {core}", f"{status}.PI")}
+        mask = int(data.parameters().get(mask_name, 0))
+        imus = [bit for bit in range(len(IMUS)) if mask >> bit & 1]
+        if core < len(imus):
+            out["imu"] = Stated(_imu_name(data, imus[core]), f"{status}.PI, {mask_name}")
+        return out
+    return {}
+
+
+def _imu_name(data: Dataflash, instance: int) -> str:
+    """Of the IMU with this number: a message of its own in old logs, else one of several instances."""
+    if instance and len(data.of(IMUS[instance])):
+        return IMUS[instance]
+    return f"IMU:{instance}" if instance else "IMU"
 
 
 def _angles(messages: Messages, *names: str) -> Series | None:
@@ -117,11 +172,24 @@ def _imus(data: Dataflash) -> tuple[ImuRecord, ...]:
         for instance in np.unique(_whole(messages, "I", 0)).tolist():
             own = _of(messages, "I", instance)
             source = f"{kind}:{instance}" if instance else kind
-            force = own.series(own.columns("AccX", "AccY", "AccZ"), source)
-            gyro = own.series(own.columns("GyrX", "GyrY", "GyrZ"), source)
-            record = imu_record(source, force, gyro, _clip_count(data.of("VIBE"), number or instance))
-            out += [] if record is None else [record]
+            record = imu_record(
+                source,
+                own.series(own.columns("AccX", "AccY", "AccZ"), source),
+                own.series(own.columns("GyrX", "GyrY", "GyrZ"), source),
+                _clip_count(data.of("VIBE"), number or instance),
+                instance=number or instance,
+                healthy=_healthy(own),
+            )
+            if record is not None:
+                out.append(record)
     return tuple(out)
+
+
+def _healthy(imu: Messages) -> bool | None:
+    """Whether accelerometer (AH) and gyro (GH) were healthy most of the time; None where the log does not say."""
+    flags = imu.columns("AH", "GH")
+    known = flags[np.isfinite(flags).all(axis=1)]
+    return bool(np.median(known.min(axis=1)) > 0.0) if len(known) else None
 
 
 def _clip_count(vibration: Messages, imu: int) -> int:
@@ -131,22 +199,69 @@ def _clip_count(vibration: Messages, imu: int) -> int:
     return int(known[-1] - known[0]) if known.size else 0
 
 
-def _servo(outputs: Messages) -> Series | None:
-    prefix = "C" if "C1" in outputs else "Ch"
-    values = outputs.columns(*[f"{prefix}{i}" for i in range(1, _CHANNELS + 1)])
-    # A channel that is not in the message gives no pulse.
-    return outputs.series(np.nan_to_num(values))
+def _servos(data: Dataflash) -> dict[int, Series]:
+    """RCOU, and RCO2 and RCO3 of later outputs, in ports of 16 outputs."""
+    first = data.of("RCOU")
+    series = first.series(_channels(first, 0))
+    if series is None:
+        return {}
+    values = series.values
+    for kind, offset in (("RCO2", 14), ("RCO3", 18)):
+        more = data.of(kind)
+        later = more.series(_channels(more, offset))
+        if later is not None:
+            values = values + np.nan_to_num(later.at(series.t_s, hold=True))
+    ports = {}
+    for port in range(_PORTS):
+        own = values[:, port * PORT_OUTPUTS : (port + 1) * PORT_OUTPUTS]
+        if not port or own.any():
+            ports[port] = Series(series.t_s, own, series.source)
+    return ports
 
 
-def _battery(data: Dataflash) -> Series | None:
-    first = _of(data.of("BAT"), "Instance")
-    if len(first):
-        return first.series(first.columns("Volt", "Curr"))
+def _channels(outputs: Messages, offset: int) -> Array:
+    """Pulses (n, 32) of ``C1`` ..., in old logs ``Ch1`` ... or ``Chan1`` ...; 0 where the message has no such output.
+
+    Outputs up to ``offset`` are in an earlier message.
+    """
+    known = (prefix for prefix in _PREFIXES if f"{prefix}{offset + 1}" in outputs)
+    prefix = next(known, _PREFIXES[0])
+    count = _PORTS * PORT_OUTPUTS
+    values = outputs.columns(*[f"{prefix}{i}" for i in range(1, count + 1)])
+    return np.nan_to_num(values)
+
+
+def _batteries(data: Dataflash) -> dict[str, Series]:
+    """BAT by instance (``Inst`` from 4.1 on, ``Instance`` before), or CURR of old logs."""
+    messages = data.of("BAT")
+    instances = _instance_field(messages, "Inst", "Instance")
+    out = {}
+    for instance in np.unique(instances).tolist():
+        own = messages.where(instances == instance)
+        series = own.series(own.columns("Volt", "Curr"))
+        if series is not None:
+            out[f"BAT {instance}"] = series
+    if out:
+        return out
     # Old CURR has centivolts and centiamperes as whole numbers, later ones V and A.
     old = data.of("CURR")
-    return old.series(
-        old.columns("Volt", "Curr") * (_CENTI if "Volt" in old and old["Volt"].dtype.kind in "iu" else 1.0)
-    )
+    whole = "Volt" in old and old["Volt"].dtype.kind in "iu"
+    series = old.series(old.columns("Volt", "Curr") * (_CENTI if whole else 1.0))
+    return {} if series is None else {"CURR": series}
+
+
+def _pressures(data: Dataflash) -> dict[str, Series]:
+    """BARO by instance (``I``), or BARO, BAR2 and BAR3 of old logs."""
+    out = {}
+    for kind in ("BARO", "BAR2", "BAR3"):
+        messages = data.of(kind)
+        instances = _whole(messages, "I", 0)
+        for instance in np.unique(instances).tolist():
+            own = messages.where(instances == instance)
+            series = own.series(own.columns("Press", "Temp"))
+            if series is not None:
+                out[f"{kind} {instance}" if "I" in messages else kind] = series
+    return out
 
 
 def _thrust(tuning: Messages) -> Series | None:

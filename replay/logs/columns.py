@@ -84,7 +84,14 @@ def time_span(path: Path, stamps: Sequence[Array], names: str) -> tuple[float, f
 
 
 def imu_record(
-    source: str, force: Series | None, gyro: Series | None, counted: int, step: float | None = None
+    source: str,
+    force: Series | None,
+    gyro: Series | None,
+    counted: int,
+    step: float | None = None,
+    *,
+    instance: int = 0,
+    healthy: bool | None = None,
 ) -> ImuRecord | None:
     """An accelerometer with its gyro, or None without either. ``counted``: clipped samples by the autopilot's counter.
 
@@ -93,7 +100,15 @@ def imu_record(
     if force is None or gyro is None:
         return None
     step = smallest_step(force.values.ravel()) if step is None else step
-    return ImuRecord(source, force, gyro, step, max(counted, clipped_at_extreme(force.values)))
+    return ImuRecord(
+        source=source,
+        specific_force=force,
+        gyro=gyro,
+        force_step=step,
+        clipped=max(counted, clipped_at_extreme(force.values)),
+        instance=instance,
+        healthy=healthy,
+    )
 
 
 def range_beam(

@@ -5,6 +5,7 @@ A new one is a line here and a module with a function ``read(path, target_system
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from companion.mavlink.wire_frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
+from replay.sources.choose import chosen
 
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin_flightlog", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
@@ -51,8 +53,16 @@ def _by_content(path: Path) -> str | None:
     return ".tlog" if len(frames) >= _FRAMES else None
 
 
-def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
-    """Every boot in the log, in order. Raises LogError in one line where it cannot be read."""
+def load(
+    path: Path | str,
+    target_system: int | None = None,
+    settings: Mapping[str, str] | None = None,
+) -> list[FlightLog]:
+    """Every boot in the log, in order, each quantity from one of its instances (``replay/sources``).
+
+    ``settings``: the instance to take, by quantity. Raises LogError in one line where the log cannot be read, and
+    ConfigError where it has no such instance.
+    """
     path = Path(path)
     if path.is_dir():
         raise LogError(f"{path}: is a directory: name the logs in it; replay run, diagnose and info take directories")
@@ -60,4 +70,4 @@ def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     reader: Any = import_module(READERS[suffix_of(path)])
     logs: list[FlightLog] = reader.read(path, target_system)
-    return logs
+    return [chosen(log, settings) for log in logs]

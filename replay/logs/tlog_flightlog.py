@@ -94,10 +94,9 @@ class _Boot:
             beams=self._beams(),
             rings=tuple(self._rings()),
             escs=self._escs(),
-            servo=servos.get(0),
             servo_ports=servos,
-            battery=self._battery(),
-            pressure=self._pressure(),
+            batteries=self._batteries(),
+            pressures=self._pressures(),
             thrust_command=target.series(target["thrust"]),
             attitude_target=target.series(unflipped(target["q"])),
             commands=command.series(np.hstack([unflipped(command["q"]), command["thrust"]])),
@@ -146,7 +145,8 @@ class _Boot:
         counter = vibration.data.get(f"clipping_{number}")
         # The counter runs from boot; what counts is how far it went in this record.
         counted = 0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
-        return imu_record(source, forces, gyros, counted, None if table.name == "HIGHRES_IMU" else _WIRE_STEP)
+        step = None if table.name == "HIGHRES_IMU" else _WIRE_STEP
+        return imu_record(source, forces, gyros, counted, step, instance=number)
 
     def _beams(self) -> tuple[Beam, ...]:
         out = list(self._distance_beams(self._table("DISTANCE_SENSOR")))
@@ -230,19 +230,30 @@ class _Boot:
         ports = {port: messages.series(messages["pwm"]) for port, messages in own.items()}
         return {port: series for port, series in ports.items() if series is not None}
 
-    def _battery(self) -> Series | None:
+    def _batteries(self) -> dict[str, Series]:
+        """BATTERY_STATUS by id; SYS_STATUS where none of them reads a voltage."""
+        out = {}
         table = self._autopilot("BATTERY_STATUS")
-        table = table.where(table["id"] == 0)
-        cells = np.nansum(np.hstack([table["cells"], table["more_cells"]]), axis=1, keepdims=True)
+        for number in np.unique(table["id"]).tolist():
+            own = table.where(table["id"] == number)
+            cells = np.hstack([own["cells"], own["more_cells"]])
+            series = _battery(own, np.nansum(cells, axis=1, keepdims=True))
+            if series is not None and np.isfinite(series.values[:, 0]).any():
+                out[f"BATTERY_STATUS id {int(number)}"] = series
+        if out:
+            return out
         status = self._autopilot("SYS_STATUS")
-        return first_of(
-            one.series(np.hstack([np.where(voltage > 0.0, voltage, np.nan), one["current"][:, :1]]))
-            for one, voltage in ((table, cells), (status, status["voltage"]))
-        )
+        series = _battery(status, status["voltage"])
+        return {} if series is None else {"SYS_STATUS": series}
 
-    def _pressure(self) -> Series | None:
-        tables = map(self._autopilot, ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"))
-        return first_of(table.series(np.hstack([table["pressure"], table["temperature"]])) for table in tables)
+    def _pressures(self) -> dict[str, Series]:
+        out = {}
+        for name in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"):
+            table = self._autopilot(name)
+            series = table.series(np.hstack([table["pressure"], table["temperature"]]))
+            if series is not None:
+                out[name] = series
+        return out
 
     def _wind(self) -> Series | None:
         estimate, table = self._autopilot("WIND_COV"), self._autopilot("WIND")
@@ -256,6 +267,12 @@ class _Boot:
             (float(t), int(severity), bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
             for t, severity, text in zip(table.t_s, table["severity"], table["text"], strict=True)
         )
+
+
+def _battery(table: Messages, voltage: Array) -> Series | None:
+    """Voltage (n, 1) and current of a battery; a voltage of 0 is not measured."""
+    known = np.where(voltage > 0.0, voltage, np.nan)
+    return table.series(np.hstack([known, table["current"][:, :1]]))
 
 
 def _median(values: Array) -> float:

@@ -19,6 +19,7 @@ from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from models.errors import LogError
+from models.vehicle_setup.estimate import thrust_to_output
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
 from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
 from replay.logs.files import read_file
@@ -35,8 +36,8 @@ _OUTPUTS, _ESCS = 16, 8
 """Fields of actuator_outputs and esc_status."""
 _MOTOR_1, _MOTORS = 101, range(101, 113)
 """Output functions of motors (PWM_MAIN_FUNCn, esc_status.actuator_function)."""
-_DSHOT, _DSHOT_FULL, _CAN_FULL, _LONGEST_US = range(-5, -1), 1999.0, 8191.0, 2500.0
-"""PWM_MAIN_TIMn of DShot 150 to 1200; full throttle of DShot and of CAN; no pulse is longer [us]."""
+_MOTOR_COUNT = 12
+"""Fields of actuator_motors."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
 _DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
 """Of obstacle_distance: fields, what stands for not known, cm, and MAV_FRAME_BODY_FRD, its frame by default."""
@@ -46,6 +47,7 @@ _TOPICS = [
     "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
     "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
     "vehicle_attitude_setpoint", "wind", "wind_estimate", "obstacle_distance", "obstacle_distance_fused",
+    "actuator_motors", "sensor_baro", "vehicle_acceleration",
 ]  # fmt: skip
 
 
@@ -114,9 +116,12 @@ class _Reader:
     def __init__(self, path: Path, log: Any, size: int) -> None:
         self._path, self._log, self._size = path, log, size
         self._topics: dict[str, list[Messages]] = {}
+        self._numbered: dict[str, list[tuple[int, Messages]]] = {}
         for item in sorted(log.data_list, key=lambda d: d.multi_id):
             if len(item.data.get("timestamp", ())):
-                self._topics.setdefault(item.name, []).append(_topic(item.name, item.data))
+                topic = _topic(item.name, item.data)
+                self._topics.setdefault(item.name, []).append(topic)
+                self._numbered.setdefault(item.name, []).append((int(item.multi_id), topic))
         self._notes: list[str] = []
         if log.file_corruption:
             self._notes.append("the file is damaged in places; what could be read was")
@@ -127,6 +132,10 @@ class _Reader:
     def _first(self, name: str) -> Messages:
         """The first instance of a topic; an empty one where the log has none."""
         return next(iter(self._topics.get(name, [])), Messages(name, np.empty(0), {}))
+
+    def _instances(self, name: str) -> Iterator[tuple[int, Messages]]:
+        """Every instance of a topic, by its number in the log."""
+        yield from self._numbered.get(name, [])
 
     def _series(self, name: str, *fields: str) -> Series | None:
         topic = self._first(name)
@@ -143,7 +152,6 @@ class _Reader:
         states = np.nan_to_num(status.column("nav_state")).astype(int).tolist()
         modes = [_MAIN_MODE.get(state, _AUTO) << _MAIN_MODE_BITS for state in states]
         frames = sum(len(topic) for topics in self._topics.values() for topic in topics)
-        servos = self._servos()
         position, velocity = self._position()
         return FlightLog(
             path=self._path,
@@ -161,10 +169,10 @@ class _Reader:
             beams=self._beams(),
             rings=tuple(self._rings()),
             escs=self._escs(),
-            servo=next(iter(servos.values()), None),
-            servo_ports=servos,
-            battery=self._battery(),
-            pressure=self._series("vehicle_air_data", "baro_pressure_pa", "baro_temp_celcius"),
+            servo_ports=self._servos(),
+            motor_commands=self._motor_commands(),
+            batteries=self._batteries(),
+            pressures=self._pressures(),
             thrust_command=setpoint.series(-setpoint.columns("thrust_body[2]")),
             attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
@@ -180,27 +188,24 @@ class _Reader:
         )
 
     def _servos(self) -> dict[int, Series]:
-        """Outputs [us] by instance, those that are used first: an instance that is all zeros drives nothing."""
-        topics = self._topics.get("actuator_outputs", [])
-        ports = enumerate(topic.series(self._in_us(topic.array("output", _OUTPUTS))) for topic in topics)
-        found = [(port, series) for port, series in ports if series is not None]
-        return dict(sorted(found, key=lambda item: not np.nan_to_num(item[1].values).any()))
+        """Outputs by instance of the topic, as the drivers take them. An instance that is all zeros drives nothing."""
+        out = {}
+        for instance, topic in self._instances("actuator_outputs"):
+            series = topic.series(topic.array("output", _OUTPUTS))
+            if series is not None and np.nan_to_num(series.values).any():
+                out[instance] = series
+        return out
 
-    def _in_us(self, output: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (n, 16) as pulses of 1000 to 2000 us; DShot gives its motors 0 to 1999, CAN 0 to 8191."""
-        parameters = self._log.initial_parameters
-        dshot = parameters.get("DSHOT_CONFIG", 0) > 0 or any(
-            parameters.get(f"PWM_{side}_TIM{k}", 0) in _DSHOT for side in ("MAIN", "AUX") for k in range(_OUTPUTS)
-        )
-        most = float(np.nan_to_num(output).max(initial=0.0))
-        full = _CAN_FULL if most > _LONGEST_US else _DSHOT_FULL if dshot else None
-        if full is None:
-            return output
-        functions = np.array([parameters.get(f"PWM_MAIN_FUNC{k + 1}", 0) for k in range(output.shape[1])])
-        motor = (
-            np.isin(functions, _MOTORS) if full == _DSHOT_FULL and functions.any() else np.ones(len(functions), bool)
-        )
-        return np.where(motor & (output > 0.0), 1000.0 + 1000.0 * output / full, output)
+    def _motor_commands(self) -> Series | None:
+        """actuator_motors: thrust asked of each motor, 0...1, as the pulses that THR_MDL_FAC makes of it."""
+        topic = self._first("actuator_motors")
+        thrust = np.clip(topic.array("control", _MOTOR_COUNT), 0.0, 1.0)
+        factor = float(self._log.initial_parameters.get("THR_MDL_FAC", 0.0))
+        output = thrust_to_output(thrust, factor)
+        pulses = np.where(np.isfinite(output), 1000.0 + 1000.0 * output, 0.0)
+        padded = np.zeros((len(topic), _OUTPUTS))
+        padded[:, :_MOTOR_COUNT] = pulses
+        return topic.series(padded) if len(topic) else None
 
     def _position(self) -> tuple[Series | None, Series | None]:
         topic = self._first("vehicle_local_position")
@@ -211,10 +216,16 @@ class _Reader:
         return topic.series(position), topic.series(velocity)
 
     def _imus(self) -> tuple[ImuRecord, ...]:
+        """What the autopilot combined of its sensors, else what its controllers were given."""
         topic = self._first("sensor_combined")
-        force, gyro = topic.series(topic.array("accelerometer_m_s2", 3)), topic.series(topic.array("gyro_rad", 3))
+        force = topic.series(topic.array("accelerometer_m_s2", 3))
+        gyro = topic.series(topic.array("gyro_rad", 3))
         flagged = int((np.nan_to_num(topic.columns("accelerometer_clipping")) > 0.0).sum())
-        record = imu_record(topic.name, force, gyro, flagged)
+        if force is None:
+            force = self._series("vehicle_acceleration", "xyz[0]", "xyz[1]", "xyz[2]")
+            gyro = self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]")
+        source = "" if force is None else force.source
+        record = imu_record(source, force, gyro, flagged)
         return () if record is None else (record,)
 
     def _beams(self) -> tuple[Beam, ...]:
@@ -281,12 +292,32 @@ class _Reader:
             out[motor] = EscRecord(topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature")))
         return dict(sorted(out.items()))
 
-    def _battery(self) -> Series | None:
-        topic = self._first("battery_status")
-        values = topic.columns("voltage_v", "current_a")
-        values[~(values[:, 0] > 0.0), 0] = np.nan
-        values[values[:, 1] == -1.0, 1] = np.nan
-        return topic.series(values)
+    def _batteries(self) -> dict[str, Series]:
+        """battery_status by instance; one that calls itself not connected is left out."""
+        out = {}
+        for instance, topic in self._instances("battery_status"):
+            connected = topic.column("connected")
+            if connected.size and np.nanmax(np.append(connected, -1.0)) == 0.0:
+                continue
+            values = topic.columns("voltage_v", "current_a")
+            values[~(values[:, 0] > 0.0), 0] = np.nan
+            values[values[:, 1] == -1.0, 1] = np.nan
+            series = topic.series(values)
+            if series is not None:
+                out[f"battery_status {instance}"] = series
+        return out
+
+    def _pressures(self) -> dict[str, Series]:
+        """What PX4 made of its barometers, else the barometers themselves."""
+        series = self._series("vehicle_air_data", "baro_pressure_pa", "baro_temp_celcius")
+        if series is not None:
+            return {series.source: series}
+        out = {}
+        for instance, topic in self._instances("sensor_baro"):
+            one = topic.series(topic.columns("pressure", "temperature"))
+            if one is not None:
+                out[f"sensor_baro {instance}"] = one
+        return out
 
     def _wind(self) -> Series | None:
         topic = self._first("wind") if "wind" in self._topics else self._first("wind_estimate")

@@ -15,7 +15,7 @@ from models.frames import Array, measured_wrench
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
-from replay.flightlog import FlightLog, LogFault
+from replay.flightlog import FlightLog, LogFault, SourceChoice
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import doubted, without_stuck_beams
@@ -54,6 +54,8 @@ class Record:
     """What is wrong with the log or the vehicle file, and is named as no effect."""
     blind: tuple[int, ...] = ()
     """Axes that are not judged because of a fault, but on which something acts all the same."""
+    sources: tuple[SourceChoice, ...] = ()
+    """Which instance each quantity was read from."""
 
     @property
     def time_s(self) -> Array:
@@ -120,6 +122,7 @@ def build_record(
         notes=(*notes, *unseen_surfaces(log, vehicle), *time.notes),
         faults=(*stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
         blind=doubts.blind,
+        sources=log.sources,
     )
     if record.seconds < SHORTEST_S:
         raise too_short(record)

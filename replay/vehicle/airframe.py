@@ -5,15 +5,16 @@ Parameters say it best; without them the heartbeat's type says how many motors t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from models.errors import LogError
 from models.vehicle_setup.estimate import pwm_range
-from models.vehicle_setup.motor_layouts import FRAMES, Motor, ardupilot_frame, declared_outputs, outputs, px4_motors
+from models.vehicle_setup.motor_layouts import FRAMES, Motor, ardupilot_frame, px4_motors
 from replay.flightlog import FlightLog, Series
+from replay.sources.outputs import moving_outputs
 
 _OTHERS = {
     "MAV_TYPE": {
@@ -33,8 +34,6 @@ _COUNT_OF_TYPE = {2: 4, 13: 6, 14: 8, 15: 3, 29: 12, 35: 10}
 _COUNT_OF_CLASS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}
 _USUAL = {4: "quad-x", 6: "hexa-x", 8: "octo-x"}
 _ARDUPILOT_OR_PX4 = (3, 12)
-_IDLE_US = 30.0
-"""An output that never moves by more drives no motor in flight."""
 _BEYOND = 0.05
 """Outputs this share of their range above its end contradict it."""
 TANDEM = "the paper's tandem"
@@ -137,24 +136,20 @@ def _ring(count: int) -> tuple[Motor, ...]:
 
 
 def _numbers(log: FlightLog, motors: tuple[Motor, ...]) -> dict[int, int]:
-    """Motor number to output; the parameters name every motor or none."""
-    declared = declared_outputs(log.parameters)
+    """Motor number to output; the parameters name every motor or none, then numbers are the same."""
+    declared = log.motor_outputs.numbers
     lacking = ", ".join(str(m.number) for m in motors if m.number not in declared)
     if declared and lacking:
         raise LogError(
             f"{log.path}: the parameters give motor {lacking} of {len(motors)} no output "
-            "(SERVOn_FUNCTION, PWM_MAIN_FUNCn); give --vehicle"
+            "(SERVOn_FUNCTION, PWM_MAIN_FUNCn, PWM_AUX_FUNCn); give --vehicle"
         )
-    return outputs(log.parameters, len(motors))
+    return {motor.number: declared.get(motor.number, motor.number) for motor in motors}
 
 
-def _moving(servo: Series | None) -> set[int]:
+def _moving(servo: Series | None) -> Collection[int]:
     """Outputs, from 1, that move."""
-    if servo is None:
-        return set()
-    values = np.where(servo.values > 0.0, servo.values, np.nan)
-    known = np.isfinite(values).any(axis=0)
-    return {int(k) + 1 for k in np.flatnonzero(known) if np.nanmax(values[:, k]) - np.nanmin(values[:, k]) > _IDLE_US}
+    return set() if servo is None else moving_outputs(servo)
 
 
 def _turning(log: FlightLog) -> set[int]:
@@ -167,15 +162,15 @@ def _speeds(log: FlightLog) -> dict[int, Series]:
     return {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
 
 
-def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: set[int], source: str) -> None:
-    still = sorted(set(numbers.values()) - moving)
+def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: Collection[int], source: str) -> None:
+    still = sorted(set(numbers.values()) - set(moving))
     if len(still) == len(numbers):
         raise LogError(f"{log.path}: no output of a motor moves: the vehicle did not fly")
     if still:
         on = ", ".join(map(str, numbers.values()))
         raise LogError(f"{log.path}: {source}: motors on outputs {on}, but output {still[0]} never moves")
     assert log.servo is not None
-    low, high, key = pwm_range(log.parameters, min(numbers.values()))
+    low, high, key = pwm_range(log.parameters, min(numbers.values()), log.motor_outputs.group)
     used = log.servo.values[:, [n - 1 for n in numbers.values()]]
     most = float(np.nanpercentile(used, 99.0))
     if key and most > high + _BEYOND * (high - low):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from replay.flightlog import FlightLog
 from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
+from replay.sources.choose import chosen
 from replay.vehicle.airframe import TANDEM, TANDEM_SEEN, Airframe, airframe, is_tandem, turns
 from replay.vehicle.fit import ThrustFit, fit_records, free_flight, hovering
 
@@ -51,6 +52,8 @@ class Given:
     """Diameter."""
     span_m: float | None = None
     """Motor axis to the opposite motor's axis."""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """Instance to read, by quantity (``--set``)."""
 
 
 @dataclass(frozen=True)
@@ -100,20 +103,21 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
 
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
-    logs = _flown(paths[:_LOGS], target_system)
+    logs = _flown(paths[:_LOGS], target_system, given.settings)
     parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
     logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
     if all(map(is_tandem, logs)):
         return _tandem(given)
     _refuse_two(logs)
-    frame = airframe(replace(logs[0], parameters=parameters))
+    first = chosen(replace(logs[0], parameters=parameters), given.settings)
+    frame = airframe(first)
     radius = None if given.propeller_m is None else given.propeller_m / 2.0
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
-    start, said = build(_answers(logs, frame, parameters, sizes))
+    start, said = build(_answers([first, *logs[1:]], frame, parameters, sizes))
     if not measured:
         return Draft(start, ())
-    found, how = _measured(_records(logs, start, target_system), start)
+    found, how = _measured(_records(logs, start, target_system, given.settings), start)
     hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
     said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
     vehicle = replace(found.vehicle, hover_thrust=hover)
@@ -125,12 +129,13 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     return Draft(vehicle, tuple(known), tuple(assumed))
 
 
-def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
+def _flown(paths: Sequence[Path], target_system: int | None, settings: Mapping[str, str]) -> list[FlightLog]:
     """Of every log that can be read the first stretch in which it was armed, or the first one."""
     out, problems = [], []
     for path in paths:
         try:
-            parts = [part for log in load(path, target_system) for part in log.stretches()]
+            boots = load(path, target_system, settings)
+            parts = [part for log in boots for part in log.stretches()]
         except LogError as error:
             problems.append(error)
             continue
@@ -187,6 +192,7 @@ def _answers(
         numbers=frame.numbers, arm_m=sizes["position_m"].value, telemetered=frame.telemetered,
         voltage_v=round(float(np.median(voltage)), 2) if voltage.size else _VOLTAGE_V,
         ranges=tuple(_ranges(logs, parameters)), parameters=parameters,
+        port=logs[0].motor_outputs.port, group=logs[0].motor_outputs.group,
     )  # fmt: skip
 
 
@@ -201,7 +207,12 @@ def _ranges(logs: Sequence[FlightLog], parameters: Mapping[str, float]) -> Itera
             yield Rangefinder(beam.orientation, target_of(beam.orientation), (0.0, 0.0, 0.0))
 
 
-def _records(logs: Sequence[FlightLog], start: Vehicle, target_system: int | None) -> list[Record]:
+def _records(
+    logs: Sequence[FlightLog],
+    start: Vehicle,
+    target_system: int | None,
+    settings: Mapping[str, str],
+) -> list[Record]:
     """Of the stretches that are read already; where none of them can be judged, of all. Raises LogError without any."""
     problems: list[LogError] = []
 
@@ -212,7 +223,7 @@ def _records(logs: Sequence[FlightLog], start: Vehicle, target_system: int | Non
             except LogError as error:
                 problems.append(error)
 
-    boots = (boot for log in logs for boot in load(log.path, target_system))
+    boots = (boot for log in logs for boot in load(log.path, target_system, settings))
     every = (part for boot in boots for part in boot.stretches())
     found = list(judged(logs)) or list(islice(judged(every), _STRETCHES))
     if not found:

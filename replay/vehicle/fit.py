@@ -57,9 +57,11 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
         shape = (1.0 - curve.expo) * u.sum(axis=1) + curve.expo * (u**2).sum(axis=1)
         voltage = pooled(lambda r: r.context.state.battery_voltage_v)
         found["max_thrust_n"] = _rounded(_slope(lift, shape))
+        curve = replace(curve, max_thrust_n=found["max_thrust_n"])
         if np.isfinite(voltage).any():
             found["voltage_v"] = _rounded(float(np.nanmedian(voltage)))
-        vehicle = replace(start, throttle=replace(curve, **found))
+            curve = replace(curve, voltage_v=found["voltage_v"])
+        vehicle = replace(start, throttle=curve)
     throttle = pooled(lambda r: r.context.state.thrust_command)
     hover = float(np.nanmedian(throttle)) if np.isfinite(throttle).sum() >= 0.5 * len(lift) else math.nan
     if 0.05 < hover < 0.95:

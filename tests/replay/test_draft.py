@@ -17,6 +17,7 @@ from models.vehicle import load_vehicle
 from replay import load
 from replay.cli import main
 from replay.flightlog import EscRecord, FlightLog, Series
+from replay.sources.choose import chosen
 from replay.vehicle.airframe import airframe
 from replay.vehicle.draft import Given, draft
 
@@ -114,8 +115,9 @@ def flown(path="a.BIN", *, outputs=4, escs=0, **more) -> FlightLog:
     for k in range(outputs):
         servo[:, k] = 1500.0 + 100.0 * np.sin(T + k)
     speeds = {k: EscRecord(Series(T, 5000.0 + 50.0 * np.sin(T + k)[:, None])) for k in range(1, escs + 1)}
-    log = FlightLog(Path(path), 1, 0, 0.0, 40.0, servo=Series(T, servo) if outputs else None, escs=speeds)
-    return replace(log, **{"vehicle_type": 2, "autopilot": 3, **more})
+    ports = {0: Series(T, servo)} if outputs else {}
+    log = FlightLog(Path(path), 1, 0, 0.0, 40.0, servo_ports=ports, escs=speeds)
+    return chosen(replace(log, **{"vehicle_type": 2, "autopilot": 3, **more}))
 
 
 def copter(number: int, kind: int, motors: int, first: int = 1) -> dict[str, float]:

@@ -11,6 +11,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import quaternion_from_euler
+from models.vehicle_setup.estimate import pwm_range
 from replay.logs.formats import READERS, load, suffix_of
 
 
@@ -228,17 +229,20 @@ _ESC_FIELDS = (("float", "esc_rpm"), ("uint8_t", "actuator_function"))
 
 
 @pytest.mark.parametrize(
-    ("outputs", "parameters", "us"),
+    ("outputs", "parameters", "full"),
     [
-        ([[1999.0, 999.5, 0.0]], {"PWM_MAIN_TIM0": -4}, [2000.0, 1500.0, 0.0]),
-        ([[1999.0, 1500.0]], {"PWM_MAIN_TIM0": -4, "PWM_MAIN_FUNC1": 101, "PWM_MAIN_FUNC2": 201}, [2000.0, 1500.0]),
-        ([[0.0, 0.0], [8191.0, 4095.5]], {"UAVCAN_ENABLE": 3}, [2000.0, 1500.0]),
-        ([[1200.0, 1800.0]], {}, [1200.0, 1800.0]),
+        ([[1999.0, 999.5]], {"PWM_MAIN_TIM0": -4}, (0.0, 1999.0)),
+        ([[1999.0, 1500.0]], {"PWM_MAIN_TIM2": -4, "PWM_MAIN_FUNC1": 101}, (0.0, 1999.0)),
+        ([[0.0, 0.0], [8191.0, 4095.5]], {"UAVCAN_ENABLE": 3}, (0.0, 8191.0)),
+        ([[0.0, 0.0], [8191.0, 4095.5]], {"UAVCAN_EC_FUNC1": 101}, (0.0, 8191.0)),
+        ([[1200.0, 1800.0]], {}, (1000.0, 2000.0)),
+        ([[1200.0, 1800.0]], {"PWM_AUX_FUNC1": 101, "PWM_AUX_MIN1": 1100, "PWM_AUX_MAX1": 1900}, (1100.0, 1900.0)),
     ],
 )  # fmt: skip
-def test_outputs_of_px4_are_pulses_whatever_drives_the_motors(tmp_path, outputs, parameters, us):
+def test_outputs_of_px4_are_as_sent_and_have_the_range_of_their_driver(tmp_path, outputs, parameters, full):
     log = px4(tmp_path / "outputs.ulg", outputs, parameters)
-    assert log.servo.values[0, : len(us)] == pytest.approx(us)
+    assert log.servo.values[0, :2] == pytest.approx(outputs[-1])
+    assert pwm_range(log.parameters, 1, log.motor_outputs.group)[:2] == full
 
 
 def test_an_esc_of_px4_is_the_motor_that_its_function_names(tmp_path):

@@ -1,0 +1,77 @@
+"""Which accelerometer and gyro are alive and turn as the vehicle does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.frames import GRAVITY, Array
+from replay.flightlog import FlightLog, ImuRecord, Series
+from replay.sources.candidates import Candidate
+
+_OF_GRAVITY = (0.5, 2.0)
+"""Median specific force of a flight over gravity. A hover has 1; no pilot flies half of a log at 2."""
+_STILL = 1e-6
+"""A live sensor has noise; one whose readings never differ by more is frozen, and agrees with nothing."""
+_FEWEST = 50
+"""Samples from which on turning is compared."""
+
+
+def imus(log: FlightLog) -> list[Candidate]:
+    """Every IMU of the log, in the order of the reader: float before quantised, fast before slow."""
+    turning = _turning(log.attitude)
+    return [
+        Candidate(
+            name=imu.source,
+            fault=_fault(log, imu),
+            agreement=_agreement(imu.gyro, turning),
+            because="its gyro turns as the attitude does",
+        )
+        for imu in log.imus
+    ]
+
+
+def _fault(log: FlightLog, imu: ImuRecord) -> str:
+    force = imu.specific_force.values
+    known = force[np.isfinite(force).all(axis=1)]
+    if not len(known):
+        return "no number"
+    over_gravity = float(np.median(np.linalg.norm(known, axis=1))) / GRAVITY
+    low, high = _OF_GRAVITY
+    if not low <= over_gravity <= high:
+        return f"measures {over_gravity:.2f} g"
+    if imu.healthy is False:
+        return "the autopilot calls it unhealthy"
+    number = str(imu.instance + 1) if imu.instance else ""
+    use = f"INS_USE{number}"
+    if log.parameters.get(use) == 0.0:
+        return f"{use} is 0"
+    return ""
+
+
+def _turning(attitude: Series | None) -> Series | None:
+    """Angular speed (n, 1) [rad/s] between successive attitudes, at the later one."""
+    if attitude is None or len(attitude) < _FEWEST:
+        return None
+    overlap = np.abs(np.einsum("ij,ij->i", attitude.values[1:], attitude.values[:-1]))
+    angle = 2.0 * np.arccos(np.clip(overlap, 0.0, 1.0))
+    speed = angle / np.diff(attitude.t_s)
+    return Series(attitude.t_s[1:], speed[:, None], attitude.source)
+
+
+def _agreement(gyro: Series, turning: Series | None) -> float:
+    """Correlation of the gyro's angular speed with the attitude's; 0 where neither is known or it opposes."""
+    if turning is None or len(gyro) < _FEWEST:
+        return 0.0
+    measured = np.linalg.norm(gyro.at(turning.t_s), axis=1)
+    return max(correlation(measured, turning.values[:, 0]), 0.0)
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Of (n,) and (n,) where both are known; 0 where too little is, or one of them stands still."""
+    both = np.isfinite(a) & np.isfinite(b)
+    if int(both.sum()) < _FEWEST:
+        return 0.0
+    first, second = a[both], b[both]
+    if float(np.ptp(first)) < _STILL or float(np.ptp(second)) < _STILL:
+        return 0.0
+    return float(np.corrcoef(first, second)[0, 1])
