@@ -146,12 +146,20 @@ def estimator_status(
     return samples.EstimatorStatus(*head, flags, accuracy, largest, name)
 
 
+_SMALLEST_NORMAL = 2.0**-126
+"""Smallest float of 32 bits with a full mantissa."""
+
+
 def parameter_value(value: float, kind: int) -> float:
     """A parameter's number: ArduPilot sends whole numbers as floats, PX4 an integer's bytes in the float's place.
 
-    The bytes of PX4's negative integers near 0 are those of a NaN; they stay unknown.
+    The bytes of PX4's negative integers near 0 are those of a NaN; they stay unknown. A float below the smallest normal
+    one is an integer's bytes whatever ``kind`` says: no parameter is so small.
     """
-    if not 1 <= kind <= 8 or not math.isfinite(value) or value == 0.0 or (abs(value) >= 1.0 and value.is_integer()):
+    if not math.isfinite(value) or value == 0.0:
+        return value
+    declared = 1 <= kind <= 8 and not (abs(value) >= 1.0 and value.is_integer())
+    if not declared and abs(value) >= _SMALLEST_NORMAL:
         return value
     (number,) = struct.unpack("<i" if kind in (2, 4, 6, 8) else "<I", struct.pack("<f", value))
     return float(number)
