@@ -93,12 +93,9 @@ def drafted(paths: Sequence[Path]) -> Iterator[Job]:
 
 def measure(job: Job, answer: Path) -> Row:
     """Diagnose one log and look at what the process used."""
+    command = [*DIAGNOSE, str(job.log), *job.options, "--json", str(answer), "--quiet"]
     begun = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "replay", "diagnose", str(job.log)] + [*job.options, "--json", str(answer), "--quiet"],
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        stderr=subprocess.DEVNULL,
-    )
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)
     wall = time.perf_counter() - begun
     process.returncode = os.waitstatus_to_exitcode(status)
