@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -27,6 +28,8 @@ _COMMANDS = (
     "replay.desk.cli",
 )
 """Modules with ``add_parser(commands)``, which sets ``run``."""
+_THREADS = "OMP_NUM_THREADS"
+"""How many threads linear algebra uses; it reads this once, when numpy is imported."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -54,6 +57,8 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
+    # Matrices here are small: a second thread would wait for the first, and take a core to do so.
+    os.environ.setdefault(_THREADS, "1")
     arguments = parser().parse_args(argv)
     return run_command("replay", "replay", lambda: _checked(arguments))
 

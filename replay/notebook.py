@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from companion.vehicles import chosen_vehicle
 from models.choice import choose
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -56,5 +58,7 @@ def diagnose(
         vehicle = chosen_vehicle(vehicle)
     if isinstance(model, str):
         model = choose(vehicle, None if model == DEFAULT else model).judged
-    found = asked.diagnose(paths, vehicle, model, target_system=target_system)
+    # Matrices here are small: a second thread of linear algebra would wait, and take a core to do so.
+    with threadpool_limits(limits=1):
+        found = asked.diagnose(paths, vehicle, model, target_system=target_system)
     return NotebookDiagnosis(**vars(replace(found, notes=(*notes, *found.notes))))

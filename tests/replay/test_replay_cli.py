@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import resource
 import subprocess
 import sys
@@ -161,6 +162,34 @@ def test_help_is_quick_and_light(command):
         assert done.returncode == 0, done.stderr
         assert "exit codes" in done.stdout
     assert min(times) < 0.5
+
+
+def blas_threads(script, *arguments, **environment):
+    """Most threads of any linear algebra library at the end of a script."""
+    code = (
+        f"import sys\n{script}\n"
+        "import scipy.linalg\n"
+        "from threadpoolctl import threadpool_info\n"
+        "print(max(found['num_threads'] for found in threadpool_info()))"
+    )
+    inherited = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        env=inherited | environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    return int(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.skipif(os.cpu_count() == 1, reason="one core has no second thread")
+def test_a_command_keeps_linear_algebra_to_one_thread_unless_told_otherwise(log):
+    run = "from replay.cli import main\nmain(['run', sys.argv[1], '--quiet'])"
+    assert blas_threads("", log) > 1
+    assert blas_threads(run, log) == 1
+    assert blas_threads(run, log, OMP_NUM_THREADS="2") == 2
 
 
 def recorded(shared_data, suffixes):
