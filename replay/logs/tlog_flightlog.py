@@ -18,7 +18,7 @@ from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
@@ -33,6 +33,8 @@ _STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
 _OF_ESC = ("rpm", "temperature")
 """Quantities of an ``EscRecord``, in its order."""
+_SHOWN = 4
+"""Steps of a clock that are told one by one."""
 _LEAST_MOVING = 0.02
 """Share of ESC samples whose packet count moves, below which a count is not kept at all."""
 
@@ -107,8 +109,23 @@ class _Boot:
             landed=runs(landed.t_s, landed["landed_state"], end),
             parameters=known,
             texts=self._texts(),
+            sources=(self._clock(),),
             summary=LogSummary(len(self._log.data), len(self._log), tuple(self._notes)),
         )  # fmt: skip
+
+    def _clock(self) -> SourceChoice:
+        """Which clock gives the times."""
+        steps = self._axis.clock_steps
+        ahead = [step for step in steps if step.by_us > 0]
+        if ahead:
+            self._notes.append(f"the receiver's clock was set ahead {len(ahead)} times")
+        why = "messages without a boot stamp are placed by their arrival"
+        if steps:
+            moved = ", ".join(f"{step.by_us / 1e6:+.3g} s" for step in steps[:_SHOWN])
+            why = f"the receiver's clock was set {len(steps)} times in flight ({moved}); its steps are taken out"
+        return SourceChoice(
+            quantity="clock", chosen="time_boot_ms of the autopilot", others=("the receiver's stamps",), why=why
+        )
 
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""

@@ -15,6 +15,7 @@ from companion.mavlink.samples import Sample
 from companion.telemetry.summary import Summary
 from models.errors import LogError
 from replay.logs.formats import load, suffix_of
+from replay.logs.timeline import steady
 from replay.logs.tlog import read_tlog
 from replay.logs.tlog_vehicle import choose
 from replay.rerun.harness import Replay
@@ -113,7 +114,8 @@ def play(
         log = read_tlog(path)
         choice = choose(log, target)
         replay = Replay(config, choice.system, assumed)
-        frames = tqdm(log.frames(), total=len(log), unit="frame", disable=bar, leave=False)
+        heard = steady(log, choice.system)
+        frames = tqdm(heard.frames(), total=len(log), unit="frame", disable=bar, leave=False)
         notes = [*log.report.notes(), *choice.notes()]
         return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
     # The others hold no MAVLink: their columns are turned into the samples that a link would have given.

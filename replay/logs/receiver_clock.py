@@ -1,0 +1,74 @@
+"""The clock of the receiver of a .tlog, whose steps are told from the delays of the link, and taken out.
+
+A link delays a message and then catches up. A clock that is set keeps its new difference from the autopilot's clock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Micros = NDArray[np.int64]
+_STEP_US = 500_000
+"""Links seldom hold messages back for half a second."""
+_LASTING_US = 10_000_000
+"""Links never delay by ten seconds."""
+
+
+@dataclass(frozen=True)
+class ClockStep:
+    """Before the frame ``place`` of a .tlog the receiver's clock was set, ahead where ``by_us`` is above 0."""
+
+    place: int
+    by_us: int
+
+
+def clock_steps(arrival_us: Micros, place: Micros, stamp_us: Micros) -> list[ClockStep]:
+    """Steps of the receiver's clock in file order.
+
+    ``arrival_us``: stamps of the receiver, shape (n,). ``place``: indices (m,) of the autopilot's stamped frames.
+    ``stamp_us``: their boot times, shape (m,). A step is a jump of the smallest (arrival - stamp) that lasts.
+    A clock that is set back shows it, unless the link paused for longer; otherwise the link has caught up.
+    """
+    latency_us = arrival_us[place] - stamp_us
+    newest_us = np.maximum.accumulate(stamp_us)
+    starts = [0]
+    jumps = np.diff(latency_us)
+    for start in (np.flatnonzero(np.abs(jumps) > _STEP_US) + 1).tolist():
+        end = _end_of_window(newest_us, start)
+        by_us = _change(latency_us, newest_us, starts[-1], start, end)
+        gone_back = np.diff(arrival_us[place[start - 1] : place[start] + 1]).min() < 0
+        if by_us > _STEP_US or (by_us < -_STEP_US and gone_back):
+            starts.append(start)
+    steps = []
+    for before, start, after in zip(starts, starts[1:], [*starts[2:], len(place)], strict=False):
+        end = min(_end_of_window(newest_us, start), after)
+        by_us = _change(latency_us, newest_us, before, start, end)
+        first = int(place[start - 1])
+        moved = np.diff(arrival_us[first : place[start] + 1])
+        widest = int(moved.argmax() if by_us > 0 else moved.argmin())
+        steps.append(ClockStep(first + widest + 1, by_us))
+    return steps
+
+
+def without_steps(arrival_us: Micros, steps: list[ClockStep]) -> Micros:
+    """Stamps (n,) of a clock that was never set."""
+    steady_us = arrival_us.copy()
+    for step in steps:
+        steady_us[step.place :] -= step.by_us
+    return steady_us
+
+
+def _change(latency_us: Micros, newest_us: Micros, first: int, start: int, end: int) -> int:
+    """The smallest latency of start <= i < ``end``, less that of the seconds before, none older than ``first``."""
+    since = int(np.searchsorted(newest_us, newest_us[start - 1] - _LASTING_US))
+    before_us = latency_us[max(since, first) : start].min()
+    return int(latency_us[start:end].min() - before_us)
+
+
+def _end_of_window(newest_us: Micros, start: int) -> int:
+    """Where the seconds after ``start`` end."""
+    until_us = newest_us[start] + _LASTING_US
+    return int(np.searchsorted(newest_us, until_us, side="right"))
