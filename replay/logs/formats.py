@@ -12,6 +12,7 @@ from typing import Any
 from companion.mavlink.wire_frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
+from replay.logs.rotor_speeds import with_believable_speeds
 
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin_flightlog", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
@@ -60,4 +61,4 @@ def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     reader: Any = import_module(READERS[suffix_of(path)])
     logs: list[FlightLog] = reader.read(path, target_system)
-    return logs
+    return [with_believable_speeds(log) for log in logs]
