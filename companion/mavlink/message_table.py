@@ -27,7 +27,7 @@ _RATES = SI("rates", "rollspeed pitchspeed yawspeed", "rad/s", _GYRO_LIMIT)
 _PLACE = (SI("position", "x y z", "m", 1e6), SI("velocity", "vx vy vz", "m/s", 1e3))
 _SCALED = (SI("force", "xacc yacc zacc", "mG", _ACC_LIMIT), SI("gyro", "xgyro ygyro zgyro", "mrad/s", _GYRO_LIMIT))
 _PRESSURE = (SI("pressure", "press_abs", "hPa", 1e6), SI("temperature", "temperature", "cdegC", 200.0))
-_RPM = SI("rpm", "rpm", "rpm", _RPM_LIMIT)
+_RPM = SI("rpm", "rpm", "rpm", _RPM_LIMIT, unknown=(2**16 - 1, -1))
 _TARGET_Q, _THRUST = SI("q", "q", "", 2.0), SI("thrust", "thrust", "", 10.0)
 _TARGETS = (Raw("target_system"), Raw("target_component"))
 

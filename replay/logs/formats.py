@@ -13,6 +13,7 @@ from typing import Any
 from companion.mavlink.wire_frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
+from replay.logs.rotor_speeds import with_believable_speeds
 from replay.sources.choose import chosen
 
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin_flightlog", ".ulg": "replay.logs.ulg"}
@@ -70,4 +71,4 @@ def load(
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     reader: Any = import_module(READERS[suffix_of(path)])
     logs: list[FlightLog] = reader.read(path, target_system)
-    return [chosen(log, settings) for log in logs]
+    return [chosen(with_believable_speeds(log), settings) for log in logs]

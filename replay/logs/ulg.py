@@ -39,6 +39,8 @@ _MOTOR_1, _MOTORS = 101, range(101, 113)
 _MOTOR_COUNT = 12
 """Fields of actuator_motors."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_BY_RANGE = 1
+"""Bit of dist_bottom_sensor_bitfield: a range sensor. The other one is optical flow."""
 _DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
 """Of obstacle_distance: fields, what stands for not known, cm, and MAV_FRAME_BODY_FRD, its frame by default."""
 _ROUNDS, _SPARE = 16, 1 << 28
@@ -268,10 +270,18 @@ class _Reader:
                 yield ring
 
     def _terrain(self) -> tuple[Beam, ...]:
-        """Without a rangefinder's own readings: the estimator's height over ground, where it calls it valid."""
+        """Without a rangefinder's own readings: the estimator's height over ground, where a rangefinder made it.
+
+        PX4 calls ``dist_bottom`` valid on the ground, too, where no sensor measures it, and by optical flow.
+        """
         topic = self._first("vehicle_local_position")
-        height = topic.columns("dist_bottom")
-        height[~(topic.columns("dist_bottom_valid")[:, 0] > 0.0)] = np.nan
+        measured = topic.column("dist_bottom_valid") > 0.0
+        if "dist_bottom_sensor_bitfield" in topic:
+            sensors = np.nan_to_num(topic.column("dist_bottom_sensor_bitfield")).astype(int)
+            measured &= (sensors & _BY_RANGE) > 0
+        elif not (measured & ~self._landed_at(topic.t_s)).any():
+            measured[:] = False
+        height = np.where(measured, topic.column("dist_bottom"), np.nan)
         series = topic.series(height)
         if series is None:
             return ()
@@ -279,6 +289,14 @@ class _Reader:
             "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, not slant"
         )
         return (range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),)
+
+    def _landed_at(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether the autopilot says that the vehicle stands, at the times (n,); False where it says nothing."""
+        topic = self._first("vehicle_land_detected")
+        landed = topic.series(topic.column("landed"))
+        if landed is None:
+            return np.zeros(len(t_s), bool)
+        return np.asarray(landed.at(t_s, hold=True)[:, 0] > 0.0)
 
     def _escs(self) -> dict[int, EscRecord]:
         topic = self._first("esc_status")

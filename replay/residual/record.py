@@ -23,7 +23,8 @@ from replay.residual.grid import Mask, rate_of_change
 from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
-from replay.residual.validity import Excluded, judged_time
+from replay.residual.unknown_distances import resolved
+from replay.residual.validity import Excluded, airborne, judged_time
 
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
@@ -82,12 +83,14 @@ def build_record(
     axes, notes = judged_axes(motion, vehicle)
     state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
+    flying = airborne(log, Context(state, vehicle, model), motion)
+    state, left_out, said = resolved(log, vehicle, grid, state, flying)
     context = Context(state, vehicle, model)
     modelled = _modelled(context, effects)
     measured = measured_wrench(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
-    time = judged_time(log, context, motion, modelled)
+    time = judged_time(context, motion, modelled, flying, left_out)
     doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)
@@ -119,7 +122,7 @@ def build_record(
         channels=named_channels(vehicle, small),
         delays=delays,
         excluded=time.excluded,
-        notes=(*notes, *unseen_surfaces(log, vehicle), *time.notes),
+        notes=(*notes, *unseen_surfaces(log, vehicle), *said, *time.notes),
         faults=(*stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
         blind=doubts.blind,
         sources=log.sources,

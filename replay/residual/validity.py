@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,21 +59,29 @@ class JudgedTime:
         return replace(self, valid=self.valid & ~bad, excluded=self.excluded + new)
 
 
-def judged_time(log: FlightLog, ctx: Context, motion: Trajectory, modelled: Array) -> JudgedTime:
-    """The time of flight with all that is needed; ``modelled`` (n, 6) wrench."""
+def judged_time(
+    ctx: Context,
+    motion: Trajectory,
+    modelled: Array,
+    flying: Mask,
+    left_out: Sequence[tuple[str, Mask]] = (),
+) -> JudgedTime:
+    """The time of flight with all that is needed; ``modelled`` (n, 6) wrench, ``flying`` (n,) as by ``airborne``.
+
+    ``left_out``: other time (n,) that is not judged, by its reason.
+    """
     state, grid, force = ctx.state, motion.grid, motion.force
     heights = np.where(np.isfinite(state.h_m), state.h_m, np.inf)
     unknown = _incomplete(force) | _incomplete(state.rotation) | _incomplete(ctx.thrust)
     reasons: tuple[tuple[str, Any, float], ...] = (
         ("no IMU, attitude or rotor speed (gap in the log)", unknown, 0.0),
-        ("on the ground, or taking off or landing", ~_flying(log, ctx, motion), TAKE_OFF_S),
+        ("on the ground, or taking off or landing", ~flying, TAKE_OFF_S),
         (
             "at the ground (closer than a tenth of a rotor radius)",
             heights.min(axis=1) < TOUCHING_RADII * ctx.vehicle.rotor_radius_m,
             CONTACT_S,
         ),
-        ("no height over ground", np.isnan(state.h_m).any(axis=1), 0.0),
-        ("no distance to the wall", np.isnan(state.d_m).any(axis=1), 0.0),
+        *((reason, when, 0.0) for reason, when in left_out),
         ("the ground under the rangefinder jumped", _jumps(ctx, grid), JUMP_S),
     )
     out = JudgedTime(np.ones(len(grid.t), bool))
@@ -88,7 +97,7 @@ def _incomplete(x: Array) -> Mask:
     return np.asarray(~np.isfinite(x.reshape(len(x), -1)).all(axis=1))
 
 
-def _flying(log: FlightLog, ctx: Context, motion: Trajectory) -> Mask:
+def airborne(log: FlightLog, ctx: Context, motion: Trajectory) -> Mask:
     """Samples (n,) with lift, armed, and not on the ground, by the autopilot or by what the rotors do not move."""
     grid = motion.grid
     t, lift = grid.t, ctx.thrust.sum(axis=1)
