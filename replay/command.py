@@ -19,7 +19,7 @@ from models.pages.document import write_document
 from models.surrogate.store import load
 from models.text_file import write_json
 from models.vehicle import Vehicle
-from replay.pipeline_options import source_settings
+from replay.source_options import source_settings
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 

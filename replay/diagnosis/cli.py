@@ -9,7 +9,8 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
-from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options, add_source_option
+from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options
+from replay.source_options import add_source_option
 
 _EPILOG = f"{EXIT_CODES} How to read the answer: docs/diagnose.md."
 

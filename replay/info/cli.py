@@ -11,7 +11,8 @@ from typing import Any
 from companion.vehicles import vehicle_path
 from models.arguments import speaks
 from models.errors import LogError
-from replay.pipeline_options import add_answer_options, add_source_option, assumed_parameters, source_settings
+from replay.pipeline_options import add_answer_options, assumed_parameters
+from replay.source_options import add_source_option, source_settings
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log was unreadable; 130 interrupted."""
 

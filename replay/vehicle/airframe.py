@@ -11,27 +11,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.errors import LogError
+from models.vehicle_setup.ardupilot_frames import SaidFrame, said_before_3_5, said_by_class, said_by_text
 from models.vehicle_setup.estimate import pwm_range
-from models.vehicle_setup.motor_layouts import FRAMES, Motor, ardupilot_frame, px4_motors
+from models.vehicle_setup.motor_layouts import FRAMES, UNSURE, Motor
+from models.vehicle_setup.px4_frames import px4_rotors, said_by_autostart
 from replay.flightlog import FlightLog, Series
 from replay.sources.outputs import moving_outputs
+from replay.vehicle.kinds import other_kind
 
-_OTHERS = {
-    "MAV_TYPE": {
-        1: "an aeroplane", 4: "a helicopter", 7: "an airship", 8: "a balloon", 10: "a rover", 11: "a boat",
-        12: "a submarine", **dict.fromkeys(range(19, 26), "a VTOL aeroplane"),
-    },
-    "FRAME_CLASS": dict.fromkeys((6, 11, 13), "a helicopter"),
-    "CA_AIRFRAME": {
-        1: "an aeroplane", **dict.fromkeys((2, 3, 4), "a VTOL aeroplane"), **dict.fromkeys((5, 6, 13), "a rover"),
-        7: "a submarine", **dict.fromkeys((10, 11, 12), "a helicopter"), 14: "a spacecraft", 15: "a spacecraft",
-    },
-    "Q_ENABLE": {1: "a VTOL aeroplane"},
-}  # fmt: skip
-"""What is no multirotor, by parameter or heartbeat: MAVLink's MAV_TYPE, ArduPilot's and PX4's own numbers."""
-_FIRMWARES = ("ArduPlane", "APM:Plane", "ArduRover", "APM:Rover", "Rover V", "ArduSub", "Blimp")
 _COUNT_OF_TYPE = {2: 4, 13: 6, 14: 8, 15: 3, 29: 12, 35: 10}
-_COUNT_OF_CLASS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}
+_MULTIROTORS = {
+    2: "a quadrotor",
+    13: "a hexarotor",
+    14: "an octorotor",
+    15: "a tricopter",
+    29: "a dodecarotor",
+    35: "a decarotor",
+}
 _USUAL = {4: "quad-x", 6: "hexa-x", 8: "octo-x"}
 _ARDUPILOT_OR_PX4 = (3, 12)
 _BEYOND = 0.05
@@ -53,17 +49,19 @@ class Airframe:
     motors: tuple[Motor, ...]
     source: str
     """What says it."""
-    ordered: bool = True
-    """Whether places and spins are known, not just the number of motors."""
+    unsure: str = ""
+    """Why places and spins are not known, or do not say the moments."""
+    declared: bool = False
+    """Whether parameters or texts of the log say it."""
     arm_m: float | None = None
     """By PX4's parameters."""
     telemetered: bool = False
     numbers: Mapping[int, int] = field(default_factory=dict)
 
     @property
-    def declared(self) -> bool:
-        """Whether parameters of the log say it."""
-        return self.source.startswith(("FRAME", "CA_ROTOR"))
+    def ordered(self) -> bool:
+        """Whether places and spins are known, not just the number of motors."""
+        return not self.unsure
 
 
 def airframe(log: FlightLog) -> Airframe:
@@ -73,7 +71,10 @@ def airframe(log: FlightLog) -> Airframe:
     if not speeds and log.servo is None:
         raise LogError(f"{log.path}: neither rotor speeds nor outputs (ESC_TELEMETRY, ESC_STATUS, SERVO_OUTPUT_RAW)")
     moving, turning = _moving(log.servo), _turning(log)
-    frame = _frame(log, len(turning) or len(moving))
+    seen = len(turning) or len(moving)
+    frame = _frame(log, seen)
+    if frame is None:
+        raise LogError(f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? give --vehicle")
     numbers = _numbers(log, frame.motors)
     count = len(frame.motors)
     if len(turning) > count:
@@ -92,45 +93,97 @@ def turns(log: FlightLog) -> bool:
     return bool(_moving(log.servo) or _turning(log))
 
 
+def _said_count(log: FlightLog) -> str:
+    said = _said(log, 0)
+    return "no parameter says the frame" if said is None else said.said
+
+
+def what_it_is(log: FlightLog) -> str:
+    """What a log shows of its vehicle, in a few words, whether or not one can be drafted from it."""
+    kind = other_kind(log)
+    if kind is not None:
+        return f"{kind.what} ({kind.said})"
+    try:
+        frame = _frame(log, 0)
+    except LogError:
+        return "a vehicle of which the log contradicts itself"
+    if frame is not None and frame.declared:
+        return frame.name
+    return _MULTIROTORS.get(log.vehicle_type or 0, "a vehicle that the log does not name")
+
+
 def _refuse_others(log: FlightLog) -> None:
-    for key, kinds in _OTHERS.items():
-        value = log.parameters.get(key, log.vehicle_type if key == "MAV_TYPE" else None)
-        if value in kinds:
-            raise LogError(f"{log.path}: {key} {value:g} is {kinds[int(value)]}; only multirotors are drafted")
-    for _, _, text in log.texts:
-        if text.startswith(_FIRMWARES):
-            raise LogError(f"{log.path}: '{text}' flies no multirotor; only multirotors are drafted")
+    kind = other_kind(log)
+    if kind is not None:
+        raise LogError(f"{log.path}: {kind.said} is {kind.what}; only multirotors are drafted")
 
 
-def _frame(log: FlightLog, seen: int) -> Airframe:
-    """The frame without ``numbers``; ``seen`` motors turn."""
-    p, kind = log.parameters, log.vehicle_type
-    count = _COUNT_OF_TYPE.get(kind or 0)
-    declared = px4_motors(p)
-    if declared is not None:
-        return Airframe("of PX4's parameters", declared[0], "CA_ROTORn_PX, _PY, _KM", arm_m=declared[1])
-    name, said = None, "no parameter says the frame" if count is None else f"MAV_TYPE {kind}"
-    if "FRAME_CLASS" in p:
-        said = f"FRAME_CLASS {p['FRAME_CLASS']:g}, FRAME_TYPE {p.get('FRAME_TYPE', 0):g}"
-        own = _COUNT_OF_CLASS.get(int(p["FRAME_CLASS"]))
-        if own is not None and count not in (None, own):
-            raise LogError(f"{log.path}: {said} have {own} motors, and MAV_TYPE {kind} has {count}; give --vehicle")
-        name, count = ardupilot_frame(p), own or count
-    elif count == 4 and "FRAME" in p:  # before ArduCopter 3.5
-        name, said = ardupilot_frame({"FRAME_CLASS": 1.0, "FRAME_TYPE": p["FRAME"]}), f"FRAME {p['FRAME']:g}"
-    elif (count or seen) in _USUAL:
-        usual = _USUAL[count or seen]
-        return Airframe(usual, FRAMES[usual], f"{said}: the usual {usual}", log.autopilot in _ARDUPILOT_OR_PX4)
-    if name is not None:
-        return Airframe(name, FRAMES[name], said)
-    count = count or seen
+def _frame(log: FlightLog, seen: int) -> Airframe | None:
+    """The frame without ``numbers``, of which ``seen`` motors turn; None where nothing says how many there are."""
+    count = _COUNT_OF_TYPE.get(log.vehicle_type or 0)
+    rotors = px4_rotors(log.parameters)
+    if rotors is not None:
+        return Airframe(
+            rotors.name,
+            rotors.motors,
+            "CA_ROTORn_PX, _PY, _KM",
+            unsure=rotors.unsure,
+            declared=True,
+            arm_m=rotors.arm_m,
+        )
+    said = _said(log, count or seen)
+    if said is not None:
+        if None not in (said.count, count) and said.count != count:
+            verb = "have" if ", " in said.said else "has"
+            raise LogError(
+                f"{log.path}: {said.said} {verb} {said.count} motors, and MAV_TYPE {log.vehicle_type} has {count}; "
+                "give --vehicle"
+            )
+        return _of_firmware(said, said.count or count or seen)
+    said_by = "no parameter says the frame" if count is None else f"MAV_TYPE {log.vehicle_type}"
+    usual = _USUAL.get(count or seen)
+    if usual is None:
+        return _unknown(count or seen, said_by, "no parameter says the frame")
+    unsure = "" if log.autopilot in _ARDUPILOT_OR_PX4 else "no parameter says the frame"
+    return Airframe(usual, FRAMES[usual], f"{said_by}: the usual {usual}", unsure)
+
+
+def _said(log: FlightLog, count: int) -> SaidFrame | None:
+    """What parameters and texts say of the frame, the surest first."""
+    texts = [text for _, _, text in log.texts]
+    return (
+        said_by_class(log.parameters)
+        or said_before_3_5(log.parameters, texts, count)
+        or said_by_text(texts)
+        or said_by_autostart(log.parameters)
+    )
+
+
+def _of_firmware(said: SaidFrame, count: int) -> Airframe | None:
+    if said.name is None:
+        return _unknown(count, said.said, said.unsure, declared=True)
+    motors = FRAMES[said.name]
+    unsure = said.unsure or UNSURE.get(said.name, "")
+    return Airframe(said.name, motors, said.said + _yaw_words(motors), unsure, declared=True)
+
+
+def _yaw_words(motors: tuple[Motor, ...]) -> str:
+    """Said where the mixer steers yaw with some motors more than with others."""
+    ahead = {motor.yaw for motor in motors if motor.forward > 0.0}
+    behind = {motor.yaw for motor in motors if motor.forward < 0.0}
+    if ahead == behind:
+        return ""
+    return f" (yaw factors {max(ahead):g} ahead, {max(behind):g} behind)"
+
+
+def _unknown(count: int, said: str, why: str, *, declared: bool = False) -> Airframe | None:
+    """So many motors, evenly spaced."""
     if not 2 <= count <= 12:
-        raise LogError(f"{log.path}: {said}, and {seen} motors turn: which vehicle is this? give --vehicle")
-    return Airframe(f"{count} rotors", _ring(count), said, ordered=False)
+        return None
+    return Airframe(f"{count} rotors", _ring(count), said, why, declared)
 
 
 def _ring(count: int) -> tuple[Motor, ...]:
-    """Places of a frame that is not known: evenly spaced."""
     angles = 2.0 * np.pi * (np.arange(count) + 0.5) / count
     return tuple(Motor(k, float(np.cos(a)), float(np.sin(a)), 1 if k % 2 else -1) for k, a in enumerate(angles, 1))
 

@@ -261,12 +261,12 @@ def _facts(
     for key, guess in sizes.items():
         if guess.assumed:
             said_of = f"{guess.low:.3g} to {guess.high:.3g}, {guess.source}; {_OPTIONS[key]} gives it"
-            lost = "; an arm's length; moments are left out" if key == "position_m" else ""
+            lost = f"; an arm's length{_unsure(frame)}; moments are left out" if key == "position_m" else ""
             assumed.append(Fact(key, guess.value, said_of + lost))
         elif key != "position_m" or frame.ordered:
             known.append(Fact(key, guess.value, _OPTIONS[key] if guess.value != frame.arm_m else frame.source))
         else:
-            assumed.append(Fact(key, frame.name, f"{frame.source}; moments are left out"))
+            assumed.append(Fact(key, frame.name, f"{frame.source}{_unsure(frame)}; moments are left out"))
     measured: dict[str, Any] = {"hover_thrust": vehicle.hover_thrust, "ct": vehicle.fans[0].ct}
     if vehicle.throttle is not None:
         del measured["ct"]
@@ -281,6 +281,10 @@ def _facts(
     if not any(f.key == "position_m" for f in assumed):
         assumed.append(Fact("inertia_kgm2", list(vehicle.inertia_kgm2), said["inertia_kgm2"]))
     return known, assumed
+
+
+def _unsure(frame: Airframe) -> str:
+    return f"; {frame.unsure}" if frame.unsure else ""
 
 
 def _hover_rpm(vehicle: Vehicle) -> float:
