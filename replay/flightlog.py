@@ -204,6 +204,16 @@ class Interval:
 
 
 @dataclass(frozen=True)
+class ParameterChange:
+    """A parameter that was set in flight."""
+
+    t_s: float
+    name: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
 class LogSummary:
     """What a file held, for people."""
 
@@ -311,6 +321,11 @@ class FlightLog:
     landed: tuple[Interval, ...] = ()
     """Value: MAV_LANDED_STATE; empty where the autopilot does not report it."""
     parameters: Mapping[str, float] = field(default_factory=dict)
+    """As they were at take-off."""
+    parameter_changes: tuple[ParameterChange, ...] = ()
+    """What was set after that, in order of time."""
+    parameters_expected: int = 0
+    """How many the autopilot says it has; 0 where it does not say."""
     texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
     sources: tuple[SourceChoice, ...] = ()

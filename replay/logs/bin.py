@@ -22,6 +22,7 @@ from pymavlink.DFReader import FORMAT_TO_STRUCT
 from models.frames import Array
 from replay.logs.columns import Messages, believable
 from replay.logs.files import read_file
+from replay.logs.parameters import Row
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")
@@ -114,14 +115,18 @@ class Dataflash:
                 times = self._times(kind, offsets, content)
                 yield from zip(times.tolist(), map(_text, content["Message"]), strict=True)
 
-    def parameters(self) -> dict[str, float]:
-        """PARM: the last value of every name."""
-        out: dict[str, float] = {}
-        for _, _, content in self._records("PARM"):
-            if _letter(content, "Name") in _TEXT and _letter(content, "Value") in ("f", "i", "u"):
-                pairs = zip(map(_text, content["Name"]), content["Value"].tolist(), strict=True)
-                out |= {name: float(value) for name, value in pairs if math.isfinite(value)}
-        return out
+    def parameters(self) -> list[Row]:
+        """PARM in the order of the file: time [s] (before all others where it is unknown), name, value."""
+        found: list[tuple[int, Row]] = []
+        for kind, offsets, content in self._records("PARM"):
+            if _letter(content, "Name") not in _TEXT or _letter(content, "Value") not in ("f", "i", "u"):
+                continue
+            times = np.nan_to_num(self._times(kind, offsets, content), nan=-math.inf)
+            names = map(_text, content["Name"])
+            values = content["Value"].astype(float)
+            rows = zip(times.tolist(), names, values.tolist(), strict=True)
+            found += [(offset, row) for offset, row in zip(offsets.tolist(), rows, strict=True)]
+        return [row for _, row in sorted(found) if math.isfinite(row[2])]
 
     def _records(self, *names: str) -> Iterator[tuple[MessageFormat, NDArray[np.int64], NDArray[Any]]]:
         """Of every declaration of these names: offsets (n,) of its messages, and their fields (n,)."""

@@ -28,6 +28,7 @@ from replay.flightlog import (
 )
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
 from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
+from replay.logs.parameters import change_notes, in_force, take_off
 
 _ARDUPILOT, _QUADROTOR = 3, 2
 """MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR."""
@@ -73,6 +74,8 @@ def flightlog(data: Dataflash) -> FlightLog:
     start, end = time_span(data.path, spanning, "ATT, IMU or EKF message")
     imus, texts = _imus(data), list(data.texts())
     lanes = _lanes(data)
+    armed = _armed(data, start, end)
+    parameters, changes = in_force(data.parameters(), take_off(armed))
     vibration, modes = _of(data.of("VIBE"), "IMU"), data.of("MODE")
     return FlightLog(
         path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
@@ -86,16 +89,17 @@ def flightlog(data: Dataflash) -> FlightLog:
         servo_ports=_servos(data),
         batteries=_batteries(data),
         pressures=_pressures(data),
-        stated=_stated(data, lanes),
+        stated=_stated(data, lanes, parameters),
         thrust_command=_thrust(data.of("CTUN")),
         attitude_target=_angles(data.of("ATT"), "DesRoll", "DesPitch", "DesYaw"),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
-        armed=_armed(data, start, end),
+        armed=armed,
         modes=runs(modes.t_s, _whole(modes, "ModeNum" if "ModeNum" in modes else "Mode", 0), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
-        parameters=data.parameters(),
+        parameters=parameters,
+        parameter_changes=changes,
         texts=tuple((t_s, _INFO, text) for t_s, text in texts),
-        summary=LogSummary(len(data.data), sum(map(len, data.places.values())), tuple(data.notes)),
+        summary=LogSummary(len(data.data), sum(map(len, data.places.values())), (*data.notes, *change_notes(changes))),
     )  # fmt: skip
 
 
@@ -136,7 +140,7 @@ def _lanes(data: Dataflash) -> dict[str, Lane]:
     return out
 
 
-def _stated(data: Dataflash, lanes: Mapping[str, Lane]) -> dict[str, Stated]:
+def _stated(data: Dataflash, lanes: Mapping[str, Lane], parameters: Mapping[str, float]) -> dict[str, Stated]:
     """The lane that was primary most of the time (XKF4.PI), and the IMU that this lane uses (EK3_IMU_MASK)."""
     for kind, status, mask_name in (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK")):
         primary = _of(data.of(status), "C").column("PI")
@@ -145,7 +149,7 @@ def _stated(data: Dataflash, lanes: Mapping[str, Lane]) -> dict[str, Stated]:
             continue
         core = int(np.bincount(known).argmax())
         out = {"position": Stated(f"{kind} core {core}", f"{status}.PI")}
-        mask = int(data.parameters().get(mask_name, 0))
+        mask = int(parameters.get(mask_name, 0))
         imus = [bit for bit in range(len(IMUS)) if mask >> bit & 1]
         if core < len(imus):
             out["imu"] = Stated(_imu_name(data, imus[core]), f"{status}.PI, {mask_name}")

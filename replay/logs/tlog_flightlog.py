@@ -20,9 +20,10 @@ from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
+from replay.logs.parameters import Row, change_notes, in_force, take_off
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
-from replay.logs.tlog_vehicle import VehicleChoice, choose, parameters
+from replay.logs.tlog_vehicle import VehicleChoice, choose, parameter_count, parameters
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _WIRE_STEP = 1.0 / PER_SI["mG"]
@@ -44,7 +45,7 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     times."""
     log = read_tlog(path)
     choice = choose(log, target_system)
-    known = parameters(log, choice.system)
+    known = {name: value for _, name, value in parameters(log, choice.system)}
     return [_Boot(part, choice, axis).flightlog(k, known) for k, (part, axis) in enumerate(boots(log, choice.system))]
 
 
@@ -69,7 +70,7 @@ class _Boot:
         return table.where(table["component"] == AUTOPILOT_COMPONENT)
 
     def flightlog(self, boot: int, known: dict[str, float]) -> FlightLog:
-        """All columns; ``known``: the vehicle's parameters."""
+        """All columns; ``known``: the parameters of the whole file, for what this boot does not hold."""
         beats = self._autopilot("HEARTBEAT")
         attitude, rates = self._attitude()
         position = self._autopilot("LOCAL_POSITION_NED")
@@ -84,6 +85,8 @@ class _Boot:
         if self._axis.stamps_repaired:
             self._notes.append(f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times")
         armed = runs(beats.t_s, beats["base_mode"].astype(np.int64) >> 7 & 1, end)
+        own, changes = in_force(self._parameters(), take_off(armed))
+        self._notes += change_notes(changes)
         return FlightLog(
             path=self._log.path, system=self._choice.system, boot=boot, start_s=start, end_s=end,
             vehicle_type=int(beats["type"][-1]) if len(beats) else None,
@@ -107,7 +110,9 @@ class _Boot:
             armed=tuple(i for i in armed if i.value),
             modes=runs(beats.t_s, beats["custom_mode"], end),
             landed=runs(landed.t_s, landed["landed_state"], end),
-            parameters=known,
+            parameters=known | own,
+            parameter_changes=changes,
+            parameters_expected=parameter_count(self._log, self._choice.system),
             texts=self._texts(),
             sources=(self._clock(),),
             summary=LogSummary(len(self._log.data), len(self._log), tuple(self._notes)),
@@ -126,6 +131,14 @@ class _Boot:
         return SourceChoice(
             quantity="clock", chosen="time_boot_ms of the autopilot", others=("the receiver's stamps",), why=why
         )
+
+    def _parameters(self) -> list[Row]:
+        """Boot time, name and value of every parameter in this boot."""
+        found = parameters(self._log, self._choice.system)
+        places = np.array([place for place, _, _ in found], np.int64)
+        times = self._axis.times(LAYOUTS[_IDS["PARAM_VALUE"]], places, None)
+        rows = zip(times.tolist(), found, strict=True)
+        return [(t_s, name, value) for t_s, (_, name, value) in rows]
 
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""

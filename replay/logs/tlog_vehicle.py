@@ -83,15 +83,24 @@ def _rotors_turned(log: Tlog, system: int) -> bool:
     return len(outputs) > 0 and any(np.ptp(value) > _IDLE_US for value in values)
 
 
-def parameters(log: Tlog, system: int) -> dict[str, float]:
-    """The autopilot's parameters of the whole file; a ground station's own copy of them where it sent none."""
+def parameters(log: Tlog, system: int) -> list[tuple[int, str, float]]:
+    """PARAM_VALUE as place in the file, name, value: a ground station's own copy before what the autopilot sent."""
     index = log.indices(_PARAM_VALUE)
     component = log.component[index]
     station = index[component == GROUND_STATION]
     own = index[(component == AUTOPILOT_COMPONENT) & (log.system[index] == system)]
-    out = {}
-    for record in log.records(_PARAM_VALUE, np.concatenate([station, own])):
+    places = np.concatenate([station, own])
+    out = []
+    for place, record in zip(places.tolist(), log.records(_PARAM_VALUE, places), strict=True):
         number = parameter_value(float(record["param_value"]), int(record["param_type"]))
         if math.isfinite(number):
-            out[bytes(record["param_id"]).split(b"\0")[0].decode("ascii", "replace")] = number
+            name = bytes(record["param_id"]).split(b"\0")[0].decode("ascii", "replace")
+            out.append((place, name, number))
     return out
+
+
+def parameter_count(log: Tlog, system: int) -> int:
+    """How many parameters the autopilot says it has; 0 where it does not say."""
+    index = log.indices(_PARAM_VALUE, system)
+    own = index[log.component[index] == AUTOPILOT_COMPONENT]
+    return int(log.records(_PARAM_VALUE, own)["param_count"].max(initial=0))

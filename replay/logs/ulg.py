@@ -23,6 +23,7 @@ from models.vehicle_setup.estimate import thrust_to_output
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
 from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
 from replay.logs.files import read_file
+from replay.logs.parameters import Row, change_notes, in_force, take_off
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
@@ -155,6 +156,9 @@ class _Reader:
         modes = [_MAIN_MODE.get(state, _AUTO) << _MAIN_MODE_BITS for state in states]
         frames = sum(len(topic) for topics in self._topics.values() for topic in topics)
         position, velocity = self._position()
+        on = tuple(i for i in runs(status.t_s, armed.astype(int), end) if i.value)
+        parameters, changes = in_force(self._parameters(), take_off(on))
+        self._notes += change_notes(changes)
         return FlightLog(
             path=self._path,
             system=_last(status, "system_id", 1),
@@ -178,16 +182,23 @@ class _Reader:
             thrust_command=setpoint.series(-setpoint.columns("thrust_body[2]")),
             attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
-            armed=tuple(i for i in runs(status.t_s, armed.astype(int), end) if i.value),
+            armed=on,
             modes=runs(status.t_s, np.array(modes), end),
             landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),
-            parameters={k: float(v) for k, v in self._log.initial_parameters.items() if isinstance(v, int | float)},
+            parameters=parameters,
+            parameter_changes=changes,
             texts=tuple(
                 (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
                 for m in self._log.logged_messages
             ),
             summary=LogSummary(self._size, frames, tuple(self._notes)),
         )
+
+    def _parameters(self) -> list[Row]:
+        """Those at the start of the log, then those that were set later."""
+        initial = [(-math.inf, name, value) for name, value in self._log.initial_parameters.items()]
+        later = [(t_us / 1e6, name, value) for t_us, name, value in self._log.changed_parameters]
+        return [(t_s, name, float(v)) for t_s, name, v in [*initial, *later] if isinstance(v, int | float)]
 
     def _servos(self) -> dict[int, Series]:
         """Outputs by instance of the topic, as the drivers take them. An instance that is all zeros drives nothing."""

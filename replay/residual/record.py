@@ -23,6 +23,7 @@ from replay.residual.grid import Mask, rate_of_change
 from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
+from replay.residual.reassigned import motors_reassigned
 from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Excluded, airborne, judged_time
 
@@ -90,7 +91,8 @@ def build_record(
     measured = measured_wrench(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
-    time = judged_time(context, motion, modelled, flying, left_out)
+    reassigned = ("an output was taken from its motor", motors_reassigned(log, grid.t))
+    time = judged_time(context, motion, modelled, flying, [*left_out, reassigned])
     doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)

@@ -189,10 +189,14 @@ def _ring(count: int) -> tuple[Motor, ...]:
 
 
 def _numbers(log: FlightLog, motors: tuple[Motor, ...]) -> dict[int, int]:
-    """Motor number to output; the parameters name every motor or none, then numbers are the same."""
+    """Motor number to output; the parameters name every motor or none, then numbers are the same.
+
+    So they are for motors whose parameters did not arrive: a ground station may have left before the list was complete.
+    """
     declared = log.motor_outputs.numbers
     lacking = ", ".join(str(m.number) for m in motors if m.number not in declared)
-    if declared and lacking:
+    arrived = len(log.parameters) >= log.parameters_expected
+    if declared and lacking and arrived:
         raise LogError(
             f"{log.path}: the parameters give motor {lacking} of {len(motors)} no output "
             "(SERVOn_FUNCTION, PWM_MAIN_FUNCn, PWM_AUX_FUNCn); give --vehicle"
