@@ -29,7 +29,7 @@ _DRAWS = 400
 WHERE = {"low": "near the ground", "wall": "near the wall", "corner": "in the corner"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis(Searched):
     """The answer to one question: what does the declared model lack on these flights?"""
 
@@ -105,6 +105,10 @@ class Diagnosis(Searched):
                 "regimes": [{"log": t.record.name, **r} for t in self.traces for r in t.regimes],
                 "log_faults": [asdict(f) for f in self.faults],
                 "model": model,
+                "could_have_seen": [
+                    {"what": v.what, "axes": v.axes, "least": v.least, "unit": v.unit, "parameter": v.coefficient}
+                    for v in self.visible
+                ],
                 "rejected": [asdict(r) for r in self.rejected],
                 "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
                 "excluded": [{"log": r.name, **asdict(e)} for r in self.records for e in r.excluded],
@@ -127,8 +131,19 @@ class Diagnosis(Searched):
         lines += [text for f in self.found for text in _effect_text(f, self)]
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
         lines += [f"  {outside_text(o)}" for t in self.traces for o in t.outside]
+        lines += self._judged()
         notes = [*self.notes, *self._read_from()]
         return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
+
+    def _judged(self) -> list[str]:
+        """Which axes were judged, and from which size on what was not found would have been."""
+        axes = [name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)]
+        unjudged = [name for name in AXES if name not in axes]
+        lines = [f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"]
+        seen = [f"{v.what} ({v.coefficient} {v.least:.2g} {v.unit})" for v in self.visible]
+        if seen:
+            lines.append(f"  would have been named from this size on: {', '.join(seen)}")
+        return lines
 
     def _read_from(self) -> list[str]:
         """A note for every quantity that a flight held several times."""

@@ -61,7 +61,16 @@ def conclude(
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
-    return Diagnosis(searched.traces, searched.found, searched.rejected, channels, verdict, tuple(all_notes), faults)
+    return Diagnosis(
+        traces=searched.traces,
+        found=searched.found,
+        rejected=searched.rejected,
+        visible=searched.visible,
+        channels=channels,
+        verdict=verdict,
+        notes=tuple(all_notes),
+        faults=faults,
+    )
 
 
 def read_records(

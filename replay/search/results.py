@@ -16,6 +16,7 @@ from replay.search.held_out import FlightFit, flight_fits
 from replay.search.sets import Walked, aliases
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
+from replay.search.visible import Visible, visible
 from replay.search.worth import top
 
 BOUND_SHARE = 0.01
@@ -101,7 +102,7 @@ class Rejected:
     p: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Searched:
     """The answer of a search over some flights together."""
 
@@ -109,6 +110,8 @@ class Searched:
     """Every flight under the best set."""
     found: tuple[Found, ...]
     rejected: tuple[Rejected, ...]
+    visible: tuple[Visible, ...] = ()
+    """What was not found, and from which size on it would have been."""
 
 
 def summarise(walked: Walked) -> Searched:
@@ -129,7 +132,12 @@ def summarise(walked: Walked) -> Searched:
     names = dict.fromkeys(t.name for t in chosen)
     found = _at_most_all([_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names])
     found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
-    return Searched(tuple(fits), tuple(found), _rejected(walked, set(names)))
+    return Searched(
+        traces=tuple(fits),
+        found=tuple(found),
+        rejected=_rejected(walked, set(names)),
+        visible=visible(walked),
+    )
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:

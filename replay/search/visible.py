@@ -1,0 +1,122 @@
+"""The smallest size of every effect that these flights would have shown.
+
+An effect that acts with size b is named where its set gains more than its prior odds cost, and where it does more than
+a hundredth of the weight (worth.py). With s the posterior's standard deviation of b in units of the prior's, b = z s
+gains by Laplace's approximation (evidence.py)
+
+    log odds = TRUST (z^2 / 2 + log s) + log prior odds
+
+so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) / TRUST - 2 log s. A size of (z + 1.64) s
+is estimated at z s or more in 95 of 100 flights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.frames import AXES, Array
+from replay.search.evidence import TRUST
+from replay.search.sets import NAMED, Walked
+from replay.search.terms import Term
+from replay.search.worth import OWN, top
+
+_ONE_SIDED = 1.64
+"""Standard deviations that 95 of 100 estimates lie above, below their mean."""
+_NAMED_SIZE = 1.0
+"""Smallest top of a named contribution, in hundredths of the weight (worth.standing)."""
+
+
+@dataclass(frozen=True)
+class Visible:
+    """The least size of one coefficient of an effect that would have been named."""
+
+    what: str
+    coefficient: str
+    axes: tuple[str, ...]
+    least: float
+    unit: str
+
+
+def visible(walked: Walked) -> tuple[Visible, ...]:
+    """For every effect that is not in the best set what it would have taken, beside that set.
+
+    Of an effect with several coefficients it is the one that would have shown soonest, in the shape that would. Effects
+    that the flights cannot show are left out: ``Library.lacking`` says why.
+    """
+    named = {term.name for term in walked.best.terms}
+    by_name: dict[str, list[Term]] = {}
+    for term in walked.evidence.library.terms:
+        if term.effect is None or term.effect.remainder:
+            continue
+        if term.name not in named:
+            by_name.setdefault(term.name, []).append(term)
+    found = [_least_of(walked, terms) for terms in by_name.values()]
+    return tuple(one for one in found if one is not None)
+
+
+def _least_of(walked: Walked, terms: Sequence[Term]) -> Visible | None:
+    """Of one effect, in its likeliest shape beside the best set."""
+    gain = walked.evidence.screen(walked.best)
+    numbers = walked.evidence.library.numbers_of[terms[0].key]
+    likeliest = max(numbers, key=lambda number: float(gain[number]))
+    term = walked.evidence.library.terms[likeliest]
+    sizes = _least_sizes(walked, term)
+    possible = np.flatnonzero(np.isfinite(sizes))
+    if not possible.size:
+        return None
+    flight = min(term.places)
+    context = walked.evidence.library.records[flight].context
+    scale = term.scale[term.place(flight)]
+    coefficients = term.named.coefficients
+    # Sizes of several units are compared by the prior: what would be least unusual.
+    soonest = int(possible[np.argmin(sizes[possible])])
+    least = float(sizes[soonest] * scale[soonest])
+    low = coefficients[soonest].least(context)
+    if least > max(coefficients[soonest].high, -low):
+        return None
+    return Visible(
+        what=term.name,
+        coefficient=coefficients[soonest].name,
+        axes=_axes(walked, term, soonest),
+        least=least,
+        unit=coefficients[soonest].unit,
+    )
+
+
+def _least_sizes(walked: Walked, term: Term) -> Array:
+    """Of every coefficient (k,) in units of its prior; infinite where none would do."""
+    evidence = walked.evidence
+    fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
+    part = fit.part(term)
+    place = term.place(min(term.places))
+    sd = np.sqrt(np.diag(fit.cov[part, part]))[place]
+    odds = (NAMED - term.log_odds) / TRUST
+    z = np.sqrt(np.maximum(2.0 * odds - 2.0 * np.log(np.minimum(sd, 1.0)), 0.0))
+    by_evidence = (z + _ONE_SIDED) * sd
+    by_weight = _for_a_hundredth(walked, term)[place]
+    main = term.main[place] > 0.0
+    return np.where(main, np.maximum(by_evidence, by_weight), np.inf)
+
+
+def _for_a_hundredth(walked: Walked, term: Term) -> Array:
+    """Size (k,) at which each column does what a name takes, on the channel where that is soonest."""
+    out = np.full(len(term.columns), np.inf)
+    for channel in walked.evidence.library.channels:
+        if term.named.needs_moments and channel.axis < 3:
+            continue
+        for i, at in enumerate(channel.where[term.columns]):
+            if at >= 0:
+                share = float(top(channel.rows[at], channel.count)) / channel.limit
+                out[i] = min(out[i], max(_NAMED_SIZE, OWN) / max(share, 1e-12))
+    return out
+
+
+def _axes(walked: Walked, term: Term, coefficient: int) -> tuple[str, ...]:
+    """Axes that were judged and on which the coefficient acts."""
+    column = term.columns[term.place(min(term.places))[coefficient]]
+    channels = walked.evidence.library.channels
+    acting = {channel.axis for channel in channels if channel.where[column] >= 0}
+    return tuple(AXES[axis] for axis in sorted(acting))
