@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
+from models.frames import Array
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series, SourceChoice
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
 from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
 
@@ -29,6 +31,7 @@ _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
 _CENTI, _MILLI = 0.01, 0.001
+_OUTPUT_NAMES = ("C", "Ch", "Chan", "Mot")
 _CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
 
 
@@ -59,7 +62,7 @@ def flightlog(data: Dataflash) -> FlightLog:
     ekf_kind = next((kind for kind in EKF if len(data.of(kind))), EKF[-1])
     ekf = _of(data.of(ekf_kind), "C")
     baro, vibration, modes = _of(data.of("BARO"), "I"), _of(data.of("VIBE"), "IMU"), data.of("MODE")
-    servo = _servo(data.of("RCOU"))
+    servo = _servo(data.of("RCOU")) or _servo(data.of("MOT"))
     return FlightLog(
         path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
         vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in texts) else None,
@@ -83,7 +86,8 @@ def flightlog(data: Dataflash) -> FlightLog:
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters=data.parameters(),
         texts=tuple((t_s, _INFO, text) for t_s, text in texts),
-        summary=LogSummary(len(data.data), sum(map(len, data.places.values())), tuple(data.notes)),
+        sources=(SourceChoice(quantity="clock", chosen=data.clock, why="the only one of the log"),),
+        summary=LogSummary(data.size, sum(map(len, data.places.values())), data.notes),
     )  # fmt: skip
 
 
@@ -132,10 +136,20 @@ def _clip_count(vibration: Messages, imu: int) -> int:
 
 
 def _servo(outputs: Messages) -> Series | None:
-    prefix = "C" if "C1" in outputs else "Ch"
-    values = outputs.columns(*[f"{prefix}{i}" for i in range(1, _CHANNELS + 1)])
-    # A channel that is not in the message gives no pulse.
-    return outputs.series(np.nan_to_num(values))
+    """RCOU by whatever its version calls a channel (Chan1 to ArduCopter 3.2), or MOT (Mot1, to 3.0)."""
+    # A channel that is in no message gives no pulse. One that a later declaration leaves out is unknown from there on.
+    values = np.zeros((len(outputs), _CHANNELS))
+    for channel in range(_CHANNELS):
+        names = [f"{prefix}{channel + 1}" for prefix in _OUTPUT_NAMES]
+        known = [outputs.column(name) for name in names if name in outputs]
+        if known:
+            values[:, channel] = functools.reduce(_else, known)
+    return outputs.series(values)
+
+
+def _else(first: Array, second: Array) -> Array:
+    """Values (n,), from ``second`` where there is none."""
+    return np.where(np.isnan(first), second, first)
 
 
 def _battery(data: Dataflash) -> Series | None:
@@ -151,7 +165,10 @@ def _battery(data: Dataflash) -> Series | None:
 
 def _thrust(tuning: Messages) -> Series | None:
     if "ThrOut" in tuning:
-        return tuning.series(tuning.column("ThrOut") * _MILLI)
+        old = tuning.column("ThrOut")
+        # Thousandths as whole numbers, in ArduCopter 3.3 as fractions.
+        thousandths = bool(np.nanmax(old, initial=0.0) > 1.0)
+        return tuning.series(old * _MILLI if thousandths else old)
     return tuning.series(tuning.column("ThO"))
 
 
