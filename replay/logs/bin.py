@@ -1,16 +1,19 @@
 """Reads an ArduPilot dataflash log (.BIN) into columns: A3 95, the type of a message, its fields as declared by FMT.
 
 There is no checksum: a message is one where its first bytes and its type are right. Formats of fields: pymavlink's
-DFReader. Times: TimeUS, in old logs TimeMS.
+DFReader. Units of fields: FMTU, UNIT and MULT, where the log has them. Times: TimeUS, in old logs TimeMS; where no
+message has such, the time of GPS, between in the order of the file. A log as text is read through text_dataflash.py.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +24,9 @@ from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from models.frames import Array
 from replay.logs.columns import Messages, believable
-from replay.logs.files import read_file
+from replay.logs.files import check_head, is_text_dataflash, read_file
 from replay.logs.parameters import Row
+from replay.logs.text_dataflash import binary_of_text
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")
@@ -38,27 +42,51 @@ _FMT = 128
 _FMT_TYPE = np.dtype(
     [("head", "V3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
 )
+_SHORTEST = 3
+"""Bytes of a message without fields."""
+_TIMES = ("TimeUS", "TimeMS")
+_GPS = ("GPS", "GPS2")
+"""Their TimeMS counts from the start of the week."""
+_LASTING = ("FMT", "FMTU", "UNIT", "MULT", "PARM")
+"""What is said once, at the start of a log."""
+_FACTORS = {"deg/s": math.radians(1.0), "rad": math.degrees(1.0)}
+"""From a unit of UNIT.Label to that of ArduPilot's own messages, where these have another: rad/s, deg."""
+_BACK_S = 1.0
+"""Stamps that go back by more are of another boot."""
+_DECIDING = 5
+"""So many stamps after a step back say whether it lasts."""
 _TEXT_FORMATS = "nNZ"
 _TEXT = ("S", "V")
 """numpy's letters for a field that holds text."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MessageFormat:
     """One declared message: its type, its name, its bytes, and its fields with what they are divided by."""
 
     number: int
     name: str
     length: int
+    fields: tuple[str, ...] = ()
     dtype: np.dtype[Any] | None
-    """None where the declared fields do not make up the declared length."""
+    """Of the declared fields; None where one has no known format, or two have the same name."""
     divisors: Mapping[str, float]
 
     @property
+    def readable(self) -> bool:
+        """Whether the declared fields make up the declared length."""
+        return self.dtype is not None and self.dtype.itemsize == self.length
+
+    @property
     def stamp(self) -> str | None:
-        """The field with its time."""
-        names = () if self.dtype is None else self.dtype.names or ()
-        return next((f for f in ("TimeUS", "TimeMS") if f in names), None)
+        """The field with its boot time."""
+        times = _TIMES[:1] if self.name in _GPS else _TIMES
+        return next((field for field in times if field in self.fields), None)
+
+    def fits(self, data: bytes, i: int) -> bool:
+        """Whether another message, or the end, follows one of this length at ``i``."""
+        end = i + self.length
+        return end == len(data) or data[end : end + len(_HEAD)] == _HEAD
 
 
 @functools.cache
@@ -66,17 +94,25 @@ def _declared(message: bytes) -> MessageFormat:
     """What a FMT message declares; the same bytes declare the same."""
     declared = np.frombuffer(message, _FMT_TYPE)[0]
     name, formats, columns = (declared[k].decode("ascii", "replace") for k in ("name", "format", "columns"))
-    pairs = list(zip(columns.split(","), formats, strict=False))
-    length = int(declared["length"])
-    known = all(c in FORMAT_TO_STRUCT for _, c in pairs) and len({f for f, _ in pairs}) == len(pairs)
-    dtype = np.dtype([("head", "V3"), *((f, _numpy(c)) for f, c in pairs)]) if known else None
+    fields = tuple(columns.split(",")) if columns else ()
+    known = all(c in FORMAT_TO_STRUCT for c in formats) and len(set(fields)) == len(fields) == len(formats)
+    pairs = list(zip(fields, formats, strict=True)) if known else []
     return MessageFormat(
-        int(declared["type"]),
-        name,
-        length,
-        dtype if dtype is not None and dtype.itemsize == length else None,
-        {f: 1.0 / FORMAT_TO_STRUCT[c][1] for f, c in pairs if known and FORMAT_TO_STRUCT[c][1] is not None},
+        number=int(declared["type"]),
+        name=name,
+        length=int(declared["length"]),
+        fields=fields,
+        dtype=np.dtype([("head", "V3"), *((f, _numpy(c)) for f, c in pairs)]) if known else None,
+        divisors={f: 1.0 / FORMAT_TO_STRUCT[c][1] for f, c in pairs if FORMAT_TO_STRUCT[c][1] is not None},
     )
+
+
+@functools.cache
+def _summed(declared: MessageFormat) -> MessageFormat | None:
+    """The same with the length that its fields make up, where this is another."""
+    if declared.dtype is None or declared.readable:
+        return None
+    return replace(declared, length=declared.dtype.itemsize)
 
 
 def _numpy(format_: str) -> str:
@@ -86,18 +122,20 @@ def _numpy(format_: str) -> str:
     return f"<{np.dtype(code).str[1:]}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dataflash:
     """What a boot held, by message name; columns are made when they are asked for."""
 
     path: Path
     boot: int
+    size: int
+    """Bytes of the file."""
     data: bytes
-    """All of the file."""
-    places: Mapping[MessageFormat, array[int]]
-    """Offsets of the messages of every declaration."""
-    notes: Sequence[str]
-    """What was skipped."""
+    """All of the log as a .BIN holds it."""
+    places: Mapping[MessageFormat, NDArray[np.int64]]
+    """Offsets of the messages of every declaration, in the order of the file."""
+    notes: tuple[str, ...]
+    """What was skipped, or read in another way than declared."""
 
     def of(self, name: str) -> Messages:
         """All messages of a name; none where there are none. A field that a declaration lacks is NaN."""
@@ -106,7 +144,9 @@ class Dataflash:
             return parts[0]
         fields = dict.fromkeys(f for part in parts for f in part.data)
         t_s = np.concatenate([np.empty(0), *(part.t_s for part in parts)])
-        return Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
+        whole = Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
+        in_file = np.argsort(np.concatenate([np.empty(0, np.int64), *(p for _, p, _ in self._records(name))]))
+        return whole.where(in_file)
 
     def texts(self) -> Iterator[tuple[float, str]]:
         """MSG: time [s], text."""
@@ -131,27 +171,83 @@ class Dataflash:
     def _records(self, *names: str) -> Iterator[tuple[MessageFormat, NDArray[np.int64], NDArray[Any]]]:
         """Of every declaration of these names: offsets (n,) of its messages, and their fields (n,)."""
         data = np.frombuffer(self.data, np.uint8)
-        for kind, places in self.places.items():
-            if kind.dtype is not None and kind.name in names:
-                offsets = np.frombuffer(places, np.int64)
+        for kind, offsets in self.places.items():
+            if kind.dtype is not None and kind.readable and kind.name in names and len(offsets):
                 raw = np.ascontiguousarray(sliding_window_view(data, kind.length)[offsets])
                 yield kind, offsets, raw.view(kind.dtype).reshape(-1)
 
     def _messages(self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]) -> Messages:
         """Numbers as they are meant; text is left out."""
-        numbers = {
-            name: content[name] / kind.divisors[name] if name in kind.divisors else content[name]
-            for name in content.dtype.names or ()
-            if _letter(content, name) not in _TEXT
-        }
+        factors = self._factors(kind)
+        numbers: dict[str, NDArray[Any]] = {}
+        for name in content.dtype.names or ():
+            if _letter(content, name) in _TEXT:
+                continue
+            numbers[name] = content[name] / kind.divisors[name] if name in kind.divisors else content[name]
+            if name in factors:
+                numbers[name] = numbers[name] * factors[name]
         return Messages(kind.name, believable(self._times(kind, offsets, content)), numbers)
+
+    def _factors(self, kind: MessageFormat) -> dict[str, float]:
+        """By field: what FMTU, UNIT and MULT declare that a value is to be multiplied by.
+
+        A format with a divisor of its own needs no multiplier. Times are read as microseconds, whatever is declared.
+        """
+        declared = [d for d in self._declared_units if d[0] == kind.number and len(d[1]) == len(kind.fields)]
+        if not declared:
+            return {}
+        out = {}
+        _, units, multipliers = declared[-1]
+        for field, unit, sign in zip(kind.fields, units, multipliers.ljust(len(units), "-"), strict=False):
+            multiplier = self._multipliers.get(sign, 0.0)
+            own = field in kind.divisors or not multiplier > 0.0
+            factor = _FACTORS.get(self._units.get(unit, ""), 1.0) * (1.0 if own else multiplier)
+            if factor != 1.0 and field not in _TIMES:
+                out[field] = factor
+        return out
+
+    @functools.cached_property
+    def _declared_units(self) -> list[tuple[int, str, str]]:
+        """FMTU: type of a message, units and multipliers of its fields, a character each."""
+        out = []
+        for kind, _, content in self._records("FMTU"):
+            if {"FmtType", "UnitIds", "MultIds"} <= set(kind.fields):
+                rows = zip(content["FmtType"].tolist(), content["UnitIds"], content["MultIds"], strict=True)
+                out += [(number, _text(units), _text(multipliers)) for number, units, multipliers in rows]
+        return out
+
+    @functools.cached_property
+    def _units(self) -> dict[str, str]:
+        """UNIT: label of a unit by its character."""
+        return {sign: _text(label) for sign, label in self._by_character("UNIT", "Label")}
+
+    @functools.cached_property
+    def _multipliers(self) -> dict[str, float]:
+        """MULT: multiplier by its character."""
+        return {sign: float(number) for sign, number in self._by_character("MULT", "Mult")}
+
+    def _by_character(self, name: str, value: str) -> Iterator[tuple[str, Any]]:
+        """``Id`` as a character, and a value."""
+        for kind, _, content in self._records(name):
+            if {"Id", value} <= set(kind.fields):
+                yield from ((chr(int(row["Id"])), row[value]) for row in content)
 
     def _times(self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]) -> Array:
         """Boot times [s] (n,); a message without a stamp is as old as the message before it."""
         if kind.stamp:
             return _stamps(kind, content)
         place, t_s = self._clock
-        return np.concatenate([[np.nan], t_s])[np.searchsorted(place, offsets)]
+        if len(place):
+            return np.concatenate([[np.nan], t_s])[np.searchsorted(place, offsets)]
+        place, t_s = self._gps_clock
+        return np.interp(offsets, place, t_s) if len(place) else np.full(len(offsets), np.nan)
+
+    @property
+    def clock(self) -> str:
+        """Where the times are from."""
+        if len(self._clock[0]):
+            return "TimeUS or TimeMS of the messages"
+        return "time of GPS, between in the order of the file" if len(self._gps_clock[0]) else "none"
 
     @functools.cached_property
     def _clock(self) -> tuple[NDArray[np.int64], Array]:
@@ -161,54 +257,161 @@ class Dataflash:
         order = np.argsort(place)
         return place[order], np.concatenate([np.empty(0), *(t_s for _, t_s in stamped)])[order]
 
+    @functools.cached_property
+    def _gps_clock(self) -> tuple[NDArray[np.int64], Array]:
+        """Offsets (m,) of GPS messages, and their times (m,) [s] since the first: the only clock of ArduCopter to 3.1.
+
+        T is the time since boot. TimeMS and Time are the time of the week.
+        """
+        for kind, offsets, content in self._records(*_GPS):
+            field = next((field for field in ("T", "TimeMS", "Time") if field in kind.fields), None)
+            t_s = np.zeros(len(offsets)) if field is None else np.asarray(content[field], float) / 1e3
+            newest = np.maximum.accumulate(np.concatenate([[0.0], believable(t_s)]))
+            grown = np.flatnonzero(t_s > newest[:-1])
+            if len(grown) > 1:
+                return offsets[grown], t_s[grown] - t_s[grown[0]]
+        return np.empty(0, np.int64), np.empty(0)
+
+    def starts(self) -> list[Dataflash]:
+        """The same, split where the clock starts anew: a reboot in flight that went on in the same log."""
+        place, t_s = self._clock
+        good = np.isfinite(believable(t_s))
+        place, t_s = place[good], t_s[good]
+        if not len(place):
+            return [self]
+        following = np.pad(t_s[1:], (0, _DECIDING), constant_values=-1.0)
+        highest_next = sliding_window_view(following, _DECIDING)[: len(t_s) - 1].max(axis=1)
+        cuts = place[1:][t_s[:-1] - highest_next > _BACK_S].tolist()
+        return [self._part(first, end) for first, end in itertools.pairwise([0, *cuts, len(self.data)])]
+
+    def _part(self, first: int, end: int) -> Dataflash:
+        """The messages of first <= offset < ``end``, with what was declared and set before."""
+        own = {}
+        for kind, offsets in self.places.items():
+            since = 0 if kind.name in _LASTING else first
+            own[kind] = offsets[(offsets >= since) & (offsets < end)]
+        return replace(self, places=own)
+
 
 def read_boots(path: Path) -> list[Dataflash]:
-    """The boots in the file: more than one where logs were joined. Raises LogError where it cannot be read."""
-    data = read_file(path, _HEAD, "ArduPilot dataflash log")
-    boots, skipped, rest = _walk(data)
-    notes = [f"{skipped} bytes that are no message skipped"] if skipped else []
-    notes += [f"last message cut off ({len(data) - rest} bytes)"] if rest < len(data) else []
-    return [Dataflash(path, number, data, found, notes) for number, found in enumerate(boots)]
+    """The boots in the file: more than one where logs were joined, or the autopilot started anew in the midst of one.
+
+    Raises LogError where it cannot be read.
+    """
+    data = raw = read_file(path)
+    notes: list[str] = []
+    if is_text_dataflash(raw):
+        data, notes = binary_of_text(path, raw)
+    check_head(path, data, _HEAD, "ArduPilot dataflash log")
+    walk = _Walk(data)
+    notes += walk.notes()
+    found = [{kind: np.frombuffer(places, np.int64) for kind, places in boot.items()} for boot in walk.boots if boot]
+    logs = [Dataflash(path=path, boot=0, size=len(raw), data=data, places=p, notes=tuple(notes)) for p in found]
+    starts = [part for log in logs for part in log.starts()]
+    return [replace(part, boot=number) for number, part in enumerate(starts)]
 
 
-def _walk(data: bytes) -> tuple[list[dict[MessageFormat, array[int]]], int, int]:
-    """Of every boot the offsets of its messages; bytes between messages; where a last message begins that is not
-    complete. Messages keep the declaration before them; a log begins where FMT declares itself."""
-    kinds: list[MessageFormat | None] = [None] * 256
-    kinds[_FMT] = fmt = MessageFormat(_FMT, "FMT", _FMT_TYPE.itemsize, _FMT_TYPE, {})
-    boot: dict[MessageFormat, array[int]] = {}
-    boots = [boot]
-    n, i, skipped = len(data), 0, 0
-    while i + 3 <= n:
-        kind = kinds[data[i + 2]] if data[i] == _HEAD[0] and data[i + 1] == _HEAD[1] else None
-        if kind is None:
-            found = _next(data, i + 1, kinds)
-            skipped += found - i
-            i = found
-            continue
-        if i + kind.length > n:
-            break
-        if kind is fmt:
-            new = _declared(data[i : i + kind.length])
-            if new.number == _FMT:
-                boots.append(boot := {})
-            elif new.length > len(_HEAD):
-                kinds[new.number] = new
-        places = boot.get(kind)
-        if places is None:
-            places = boot[kind] = array("q")
-        places.append(i)
-        i += kind.length
-    return [found for found in boots if found], skipped, i
+class _Walk:
+    """One pass over a log: of every boot the offsets of its messages, and what could not be read.
 
+    Messages keep the declaration before them; a log begins where FMT declares itself. A declaration that comes a second
+    time, or does not add up, is believed where the messages after it have its length.
+    """
 
-def _next(data: bytes, i: int, kinds: Sequence[MessageFormat | None]) -> int:
-    """Place of the next first bytes of a declared message, or the end."""
-    while (i := data.find(_HEAD, i)) >= 0 and i + 2 < len(data):
-        if kinds[data[i + 2]] is not None:
-            return i
-        i += 1
-    return len(data)
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._fmt = MessageFormat(number=_FMT, name="FMT", length=_FMT_TYPE.itemsize, dtype=_FMT_TYPE, divisors={})
+        self._kinds: list[MessageFormat | None] = [None] * 256
+        self._kinds[_FMT] = self._fmt
+        self._doubted: dict[int, list[MessageFormat]] = {}
+        """By type: what its messages may be, until one of them decides."""
+        self._skipped = 0
+        self._undeclared: Counter[int] = Counter()
+        self._anew: dict[str, str] = {}
+        boot: dict[MessageFormat, array[int]] = {}
+        self.boots = [boot]
+        n, i = len(data), 0
+        kinds, doubted = self._kinds, self._doubted
+        while i + _SHORTEST <= n:
+            kind = kinds[data[i + 2]] if data[i] == _HEAD[0] and data[i + 1] == _HEAD[1] else None
+            if kind is None:
+                i = self._resume(i)
+                continue
+            if doubted and kind.number in doubted:
+                kind = self._decided(kind, i)
+            if i + kind.length > n:
+                break
+            if kind is self._fmt:
+                new = _declared(data[i : i + kind.length])
+                if new.number == _FMT:
+                    self.boots.append(boot := {})
+                else:
+                    self._declare(new)
+            places = boot.get(kind)
+            if places is None:
+                places = boot[kind] = array("q")
+            places.append(i)
+            i += kind.length
+        self._rest = n - i
+
+    def _declare(self, new: MessageFormat) -> None:
+        """From here on; the messages that follow decide where there is a choice."""
+        before = self._kinds[new.number]
+        if before is new or new.number == _FMT:
+            return
+        possible = [kind for kind in (new, _summed(new), before) if kind is not None and kind.length >= _SHORTEST]
+        if possible:
+            self._kinds[new.number] = possible[0]
+        if len(possible) > 1:
+            self._doubted[new.number] = possible
+
+    def _decided(self, declared: MessageFormat, i: int) -> MessageFormat:
+        """The first declaration whose length the message at ``i`` has; the newest where none has."""
+        possible = self._doubted.pop(declared.number)
+        kind = next((kind for kind in possible if kind.fits(self._data, i)), declared)
+        before = possible[-1]
+        if before.fields != kind.fields and before.name == kind.name:
+            gone = [field for field in before.fields if field not in kind.fields]
+            self._anew[kind.name] = f", without {', '.join(gone)}" if gone else ""
+        self._kinds[kind.number] = kind
+        return kind
+
+    def _resume(self, i: int) -> int:
+        """Place of the next message of a declared type that another follows, or of one more of an undeclared type."""
+        data = self._data
+        if data.startswith(_HEAD, i):
+            self._undeclared[data[i + 2]] += 1
+        at = i + 1
+        while (at := data.find(_HEAD, at)) >= 0 and at + 2 < len(data):
+            number = data[at + 2]
+            kind = self._kinds[number]
+            if number in self._undeclared if kind is None else kind.fits(data, at) or number in self._doubted:
+                break
+            at += 1
+        else:
+            at = len(data)
+        self._skipped += at - i
+        return at
+
+    def notes(self) -> list[str]:
+        """What a reader should know, in words."""
+        out = []
+        unreadable: Counter[str] = Counter()
+        for boot in self.boots:
+            unreadable.update({k.name: len(places) for k, places in boot.items() if not k.readable})
+        for name, count in unreadable.items():
+            out.append(f"{count} messages {name} not read: their FMT does not add up")
+        # One alone is damage, and among the bytes that are skipped.
+        undeclared = {number: count for number, count in self._undeclared.items() if count > 1}
+        if undeclared:
+            types = ", ".join(map(str, sorted(undeclared)))
+            out.append(f"{sum(undeclared.values())} messages not read: no FMT declares their type ({types})")
+        out += [f"{name} is declared anew in the midst of the log{gone}" for name, gone in self._anew.items()]
+        if self._skipped:
+            out.append(f"{self._skipped} bytes that are no message skipped")
+        if self._rest > 0:
+            out.append(f"last message cut off ({self._rest} bytes)")
+        return out
 
 
 def _stamps(kind: MessageFormat, content: NDArray[Any]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from replay.flightlog import (
     Lane,
     LogSummary,
     Series,
+    SourceChoice,
     Stated,
 )
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
@@ -42,8 +44,8 @@ _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
 _CENTI, _MILLI = 0.01, 0.001
-_PREFIXES = ("C", "Ch", "Chan")
-"""Of the outputs in RCOU: today's, those of ArduCopter 3.3, and those before."""
+_OUTPUT_NAMES = ("C", "Ch", "Chan", "Mot")
+"""Of the outputs: in RCOU of today, of ArduCopter 3.3, and before; in MOT."""
 _PORTS = 2
 """Ports of 16 outputs: RCOU, RCO2 and RCO3 hold 32."""
 _UNKNOWN = 255
@@ -99,7 +101,8 @@ def flightlog(data: Dataflash) -> FlightLog:
         parameters=parameters,
         parameter_changes=changes,
         texts=tuple((t_s, _INFO, text) for t_s, text in texts),
-        summary=LogSummary(len(data.data), sum(map(len, data.places.values())), (*data.notes, *change_notes(changes))),
+        sources=(SourceChoice(quantity="clock", chosen=data.clock, why="the only one of the log"),),
+        summary=LogSummary(data.size, sum(map(len, data.places.values())), (*data.notes, *change_notes(changes))),
     )  # fmt: skip
 
 
@@ -204,15 +207,18 @@ def _clip_count(vibration: Messages, imu: int) -> int:
 
 
 def _servos(data: Dataflash) -> dict[int, Series]:
-    """RCOU, and RCO2 and RCO3 of later outputs, in ports of 16 outputs."""
+    """Outputs in ports of 16: RCOU, and RCO2 and RCO3 of later outputs, or MOT of ArduCopter to 3.0."""
     first = data.of("RCOU")
-    series = first.series(_channels(first, 0))
+    series = first.series(_channels(first))
+    if series is None:
+        motors = data.of("MOT")
+        series = motors.series(_channels(motors))
     if series is None:
         return {}
-    values = series.values
-    for kind, offset in (("RCO2", 14), ("RCO3", 18)):
+    values = np.nan_to_num(series.values)
+    for kind in ("RCO2", "RCO3"):
         more = data.of(kind)
-        later = more.series(_channels(more, offset))
+        later = more.series(_channels(more))
         if later is not None:
             values = values + np.nan_to_num(later.at(series.t_s, hold=True))
     ports = {}
@@ -223,16 +229,23 @@ def _servos(data: Dataflash) -> dict[int, Series]:
     return ports
 
 
-def _channels(outputs: Messages, offset: int) -> Array:
-    """Pulses (n, 32) of ``C1`` ..., in old logs ``Ch1`` ... or ``Chan1`` ...; 0 where the message has no such output.
+def _channels(outputs: Messages) -> Array:
+    """Pulses (n, 32) by whatever its version calls a channel; 0 where the message has no such output.
 
-    Outputs up to ``offset`` are in an earlier message.
+    One that a later declaration leaves out is unknown from there on.
     """
-    known = (prefix for prefix in _PREFIXES if f"{prefix}{offset + 1}" in outputs)
-    prefix = next(known, _PREFIXES[0])
-    count = _PORTS * PORT_OUTPUTS
-    values = outputs.columns(*[f"{prefix}{i}" for i in range(1, count + 1)])
-    return np.nan_to_num(values)
+    values = np.zeros((len(outputs), _PORTS * PORT_OUTPUTS))
+    for channel in range(values.shape[1]):
+        names = [f"{prefix}{channel + 1}" for prefix in _OUTPUT_NAMES]
+        known = [outputs.column(name) for name in names if name in outputs]
+        if known:
+            values[:, channel] = functools.reduce(_else, known)
+    return values
+
+
+def _else(first: Array, second: Array) -> Array:
+    """Values (n,), from ``second`` where there is none."""
+    return np.where(np.isnan(first), second, first)
 
 
 def _batteries(data: Dataflash) -> dict[str, Series]:
@@ -270,7 +283,10 @@ def _pressures(data: Dataflash) -> dict[str, Series]:
 
 def _thrust(tuning: Messages) -> Series | None:
     if "ThrOut" in tuning:
-        return tuning.series(tuning.column("ThrOut") * _MILLI)
+        old = tuning.column("ThrOut")
+        # Thousandths as whole numbers, in ArduCopter 3.3 as fractions.
+        thousandths = bool(np.nanmax(old, initial=0.0) > 1.0)
+        return tuning.series(old * _MILLI if thousandths else old)
     return tuning.series(tuning.column("ThO"))
 
 

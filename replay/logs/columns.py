@@ -66,8 +66,8 @@ class Messages:
         """(n, count) of an array field, ``field[0]`` and on."""
         return self.columns(*[f"{field}[{i}]" for i in range(count)])
 
-    def where(self, mask: NDArray[np.bool_]) -> Messages:
-        """Some of the messages."""
+    def where(self, mask: NDArray[Any]) -> Messages:
+        """Some of the messages, by a mask (n,) or by their places, in that order."""
         return Messages(self.name, self.t_s[mask], {name: values[mask] for name, values in self.data.items()})
 
     def series(self, values: Array, source: str = "") -> Series | None:

@@ -6,6 +6,9 @@ from pathlib import Path
 
 from models.errors import LogError
 
+HEAD_BYTES = 8192
+"""So many tell a format: firmware name and free memory stand before the first FMT line of old logs as text."""
+
 PACKED = {
     b"\x1f\x8b": "gzip", b"\xfd7zXZ\x00": "xz", b"BZh": "bzip2", b"\x28\xb5\x2f\xfd": "zstd", b"PK\x03\x04": "zip",
     b"7z\xbc\xaf": "7z",
@@ -27,7 +30,19 @@ def read_file(path: Path, head: bytes = b"", kind: str = "") -> bytes:
     packed = next((name for magic, name in PACKED.items() if data.startswith(magic)), None)
     if packed is not None:
         raise LogError(f"{path}: is compressed ({packed}): unpack it first")
+    check_head(path, data, head, kind)
+    return data
+
+
+def check_head(path: Path, data: bytes, head: bytes, kind: str) -> None:
+    """Raises LogError where the bytes are no ``kind``, which starts with ``head``."""
     if not data.startswith(head):
         shown = head.decode() if head.isascii() else head.hex(" ").upper()
         raise LogError(f"{path}: is no {kind}: it does not start with {shown}")
-    return data
+
+
+def is_text_dataflash(data: bytes) -> bool:
+    """Whether a file is a dataflash log as text: a FMT line is among its first, and no byte of binary data."""
+    head = data[:HEAD_BYTES]
+    lines = head.replace(b"\r", b"\n").removeprefix(b"\xef\xbb\xbf").split(b"\n")
+    return b"\0" not in head and any(line.lstrip().startswith((b"FMT,", b"FMT;")) for line in lines)

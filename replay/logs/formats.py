@@ -13,6 +13,7 @@ from typing import Any
 from companion.mavlink.wire_frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
+from replay.logs.files import HEAD_BYTES, is_text_dataflash
 from replay.logs.rotor_speeds import with_believable_speeds
 from replay.sources.choose import chosen
 
@@ -23,7 +24,7 @@ _STARTS = {b"\xa3\x95\x80": ".bin", b"ULog\x01\x12\x35": ".ulg"}
 """First bytes of the formats that have such: a DataFlash log begins with a FMT message."""
 _STAMP_BYTES = 8
 """Before every frame of a .tlog."""
-_HEAD_BYTES, _FRAMES = 4096, 3
+_FRAMES = 3
 """So many frames with a right checksum in the first bytes are no accident."""
 _PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
 
@@ -35,23 +36,38 @@ def suffix_of(path: Path) -> str:
         known = _by_content(path)
         if known is not None:
             return known
-        advice = "; unpack it first" if suffix in _PACKED else ""
+        advice = "; unpack it first" if suffix in _PACKED else _advice_on_text(path)
         what = f"'{path.suffix}'" if path.suffix else "no suffix"
         raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}")
     return suffix
 
 
 def _by_content(path: Path) -> str | None:
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-    except OSError:
-        return None
+    head = _head(path)
     for start, suffix in _STARTS.items():
         if head.startswith(start):
             return suffix
+    if is_text_dataflash(head):
+        return ".bin"
     frames, _ = walk(head, Counts(), _STAMP_BYTES, whole=False)
     return ".tlog" if len(frames) >= _FRAMES else None
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of a file; none where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except OSError:
+        return b""
+
+
+def _advice_on_text(path: Path) -> str:
+    """For a log that a program has written out as text, such as a table or MAVLink messages."""
+    head = _head(path)
+    if not head.strip() or b"\0" in head or not head.isascii():
+        return ""
+    return "; it is text, but no dataflash log (no FMT line): give the .BIN, .tlog or .ulg that it was made from"
 
 
 def load(

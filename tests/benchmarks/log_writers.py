@@ -178,8 +178,7 @@ def write_tlog(path, messages) -> bytes:
 
 # --- .BIN -------------------------------------------------------------------------------------------------------------
 
-_BIN_SIZES = {"c": 2, "b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "q": 8, "Q": 8, "n": 4, "N": 16, "Z": 64}
-_BIN_CODES = {"c": "h", "n": "4s", "N": "16s", "Z": "64s"}
+_BIN_CODES = {"c": "h", "C": "H", "e": "i", "E": "I", "M": "B", "n": "4s", "N": "16s", "Z": "64s"}
 
 
 class BinWriter:
@@ -190,15 +189,22 @@ class BinWriter:
         self._out = bytearray()
         self._format(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
 
-    def _format(self, number: int, name: str, formats: str, columns: str) -> None:
-        length = 3 + sum(_BIN_SIZES[f] for f in formats)
+    def _format(self, number: int, name: str, formats: str, columns: str, length: int | None = None) -> None:
+        codes = "".join(_BIN_CODES.get(f, f) for f in formats)
+        length = 3 + struct.calcsize(f"<{codes}") if length is None else length
         self._out += b"\xa3\x95\x80" + struct.pack(
             "<BB4s16s64s", number, length, name.encode(), formats.encode(), columns.encode()
         )
         self._kinds[name] = (number, formats)
 
-    def kind(self, name: str, formats: str, columns: str) -> None:
-        self._format(129 + len(self._kinds), name, formats, columns)
+    def kind(self, name: str, formats: str, columns: str, *, length: int | None = None) -> None:
+        """Declare a message, or declare it anew; ``length`` instead of what its fields make up."""
+        number = self._kinds[name][0] if name in self._kinds else 129 + len(self._kinds)
+        self._format(number, name, formats, columns, length)
+
+    def undeclared(self, name: str, number: int, formats: str) -> None:
+        """A message whose FMT is not written."""
+        self._kinds[name] = (number, formats)
 
     def row(self, name: str, *values) -> None:
         number, formats = self._kinds[name]
@@ -210,12 +216,44 @@ class BinWriter:
         return bytes(self._out)
 
 
-def bin_flight(seconds: float = 4.0, arming: bool = True, outputs: bool = True) -> bytes:
+_HUNDREDTHS = "cCeE"
+
+
+class TextWriter:
+    """The same as text, as Mission Planner writes it: values in hundredths with two decimals."""
+
+    def __init__(self, *, separator: str = ", ", end: str = "\r\n", decimal: str = ".") -> None:
+        self._separator, self._end, self._decimal = separator, end, decimal
+        self._kinds: dict[str, str] = {}
+        self.lines: list[str] = []
+        self._line("FMT", 128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+
+    def _line(self, *fields) -> None:
+        self.lines.append(self._separator.join(map(str, fields)))
+
+    def kind(self, name: str, formats: str, columns: str) -> None:
+        self._kinds[name] = formats
+        self._line("FMT", 128 + len(self._kinds), 0, name, formats, columns)
+
+    def row(self, name: str, *values) -> None:
+        self._line(name, *map(self._shown, self._kinds[name], values))
+
+    def _shown(self, format_: str, value) -> str:
+        text = f"{value / 100.0:.2f}" if format_ in _HUNDREDTHS else str(value)
+        return text if isinstance(value, str) else text.replace(".", self._decimal)
+
+    def bytes(self) -> bytes:
+        return self._end.join(self.lines).encode()
+
+
+def bin_flight(
+    seconds: float = 4.0, arming: bool = True, outputs: bool = True, *, writer: BinWriter | TextWriter | None = None
+) -> bytes:
     """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED; else only the end is said.
 
-    Without ``outputs`` neither servo outputs nor speeds of ESCs are logged.
+    Without ``outputs`` neither servo outputs nor speeds of ESCs are logged. ``writer``: to write it as text.
     """
-    w = BinWriter()
+    w = BinWriter() if writer is None else writer
     w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     w.kind("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     w.kind("XKF1", "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD")
