@@ -19,6 +19,8 @@ REVERSED_SHARE = 0.5
 """MAVLink and uORB give a rotor that turns backwards negative speeds: nearly all of them, not one now and then."""
 LOST_S = 0.5
 """A propeller does not stop and come back within this time: spinning down takes longer (Crazyflie: 0.3 s)."""
+LOST_SHARE = 0.02
+"""Share of the speeds from which on zeros between them are a habit of the telemetry: one alone may be a fault."""
 BATCH = 4
 """ESCs of one telemetry message."""
 FEWEST_SAMPLES = 20
@@ -76,7 +78,7 @@ def believable(rpm: Series) -> Series | None:
 
 
 def _lost_frames(rpm: Series) -> NDArray[np.bool_]:
-    """Zeros (n,) between two speeds that are no further apart than ``LOST_S``."""
+    """Zeros (n,) between two speeds that are no further apart than ``LOST_S``, where they come often."""
     speed = rpm.values[:, 0]
     turning = np.flatnonzero(speed > 0.0)
     lost = np.zeros(len(speed), bool)
@@ -89,7 +91,8 @@ def _lost_frames(rpm: Series) -> NDArray[np.bool_]:
     after = after[inside]
     apart = rpm.t_s[turning[after]] - rpm.t_s[turning[after - 1]]
     lost[zeros] = apart <= LOST_S
-    return lost
+    often = lost.sum() > LOST_SHARE * len(turning)
+    return lost if often else np.zeros(len(speed), bool)
 
 
 def _repeated(escs: Mapping[int, EscRecord]) -> dict[int, int]:

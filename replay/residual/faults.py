@@ -48,6 +48,11 @@ def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes
     for axis, fault in motion_faults.accelerometer_faults(motion, flying):
         doubt([fault], frozenset({axis}))
     rotors = [*rotor_faults.wrong_speeds(ctx, flying), *rotor_faults.undeclared_rotors(log, ctx)]
+    impossible = rotor_faults.impossible_speeds(log, ctx, motion, flying)
+    if ctx.vehicle.telemetered:
+        rotors = [*impossible, *rotors]
+    else:
+        faults += impossible
     stopped, full = rotor_faults.full_command(ctx, flying)
     if rotors or full.sum() > rotor_faults.FULL_MOST * flying.sum():
         blind |= usable & {2}
@@ -58,7 +63,11 @@ def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes
     faults.sort(key=lambda fault: fault not in lift)  # the vehicle file comes first
     doubt(rotor_faults.copies(log, ctx, motion, flying), MOMENTS)
     if usable & MOMENTS:
-        moments = [*rotor_faults.slow_rotors(log, ctx.vehicle), *motion_faults.gyro_faults(motion, flying)]
+        moments = [
+            *rotor_faults.slow_rotors(log, ctx.vehicle),
+            *motion_faults.gyro_faults(motion, flying),
+            *rotor_faults.shifted_speeds(log, ctx, motion, flying),
+        ]
         doubt(
             moments
             or vehicle_faults.exchanged_fans(ctx, motion, flying)

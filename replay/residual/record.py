@@ -20,6 +20,7 @@ from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
+from replay.residual.held_down import DID_NOT_FLY
 from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
@@ -84,15 +85,15 @@ def build_record(
     axes, notes = judged_axes(motion, vehicle)
     state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
-    flying = airborne(log, Context(state, vehicle, model), motion)
-    state, left_out, said = resolved(log, vehicle, grid, state, flying)
+    air = airborne(log, Context(state, vehicle, model), motion)
+    state, left_out, said = resolved(log, vehicle, grid, state, air.flying)
     context = Context(state, vehicle, model)
     modelled = _modelled(context, effects)
     measured = measured_wrench(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
     reassigned = ("an output was taken from its motor", motors_reassigned(log, grid.t))
-    time = judged_time(context, motion, modelled, flying, [*left_out, reassigned])
+    time = judged_time(context, motion, modelled, air.flying, [*left_out, reassigned])
     doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)
@@ -129,6 +130,8 @@ def build_record(
         blind=doubts.blind,
         sources=log.sources,
     )
+    if record.seconds < SHORTEST_S and air.never:
+        raise LogError(f"{log.path}: {DID_NOT_FLY}")
     if record.seconds < SHORTEST_S:
         raise too_short(record)
     return record

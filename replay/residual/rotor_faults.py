@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from models.effects import Context
+from models.frames import Array
 from models.vehicle import Vehicle
+from models.vehicle_setup.motor_layouts import outputs
+from models.vehicle_setup.rotor_speed import Hover, misread
 from replay.flightlog import FlightLog, LogFault
-from replay.residual.grid import Mask
+from replay.residual.distances import MAX_GAP_S
+from replay.residual.grid import Mask, band
 from replay.residual.motion import Trajectory, rotor_rate_hz
 
 FEWEST_SAMPLES = 50
@@ -26,6 +32,14 @@ ROTOR_RATE_HZ = 5.0
 FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
 """Command from which on thrust does not follow; share of the flight at it that is reported and left out; share from
 which on no lift can be judged."""
+MOVES_US = 30.0
+"""An output that never moves by more drives no motor in flight."""
+FEWEST_ORDERED = 3
+"""Rotors that have an order."""
+APART_S, FOLLOWS_S = (0.03, 1.0), 0.3
+"""Half widths between which speeds and outputs are compared, and time within which a motor and its telemetry follow."""
+FOLLOWS, FOLLOWS_LESS = 0.6, 0.5
+"""Correlation of every speed with another motor's output; that with its own is below this share of it."""
 EQUAL_US, EQUAL_RPM, TURNS_RAD_S = 1.0, 1.0, 0.05
 """Outputs that never differ by more, or speeds while the vehicle rolls or pitches by more (RMS), are copies."""
 
@@ -53,6 +67,87 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
             continue
         out.append(LogFault(_channel(vehicle, k), what))
     return out
+
+
+def impossible_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
+    """Speeds that no multirotor hovers with on such a battery: all in another unit, or by another number of poles.
+
+    Of all ESCs of the log, whether or not the vehicle file takes its thrust from them.
+    """
+    if log.battery is None or flying.sum() < FEWEST_SAMPLES:
+        return []
+    t = motion.grid.t[flying]
+    voltage = log.battery.values[:, 0]
+    known = voltage[np.isfinite(voltage)]
+    speeds = {n: esc.rpm.at(t, MAX_GAP_S)[:, 0] for n, esc in log.escs.items() if esc.rpm is not None}
+    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds.values() if (rpm > 0.0).any()]
+    if not known.size or not turning:
+        return []
+    vehicle = ctx.vehicle
+    hover = Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=float(np.median(known)))
+    what = misread(float(np.median(turning)), hover, log.parameters)
+    return [] if what is None else [LogFault(f"rpm_{min(speeds)}", what)]
+
+
+def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
+    """Speeds that stand at other ESC numbers than their motors: each follows the output of another one.
+
+    Right is ArduPilot's rule (an ESC has the number of its output), PX4's (that of its motor), and the mere order.
+    """
+    vehicle = ctx.vehicle
+    numbers = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
+    moving = _moving_outputs(ctx, flying)
+    if not vehicle.telemetered or len(numbers) < FEWEST_ORDERED or len(numbers) != len(moving):
+        return []
+    fits = _followed(ctx, motion, flying, moving)
+    order = [moving[k] for k in fits.argmax(axis=1).tolist()]
+    if len(set(order)) < len(order) or fits.max(axis=1).min() < FOLLOWS:
+        return []
+    ranks = dict(zip(sorted(numbers), moving, strict=True))
+    by_motor = outputs(log.parameters, len(numbers))
+    right = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
+    least = FOLLOWS_LESS * fits.max(axis=1).mean()
+    for way in right:
+        columns = [moving.index(o) for o in way if o in moving]
+        if len(columns) == len(way) and fits[range(len(way)), columns].mean() > least:
+            return []
+    said = ", ".join(f"ESC {n} output {o}" for n, o in sorted(zip(numbers, order, strict=True)))
+    what = f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
+    return [LogFault(f"rpm_{min(numbers)}", what)]
+
+
+def _moving_outputs(ctx: Context, flying: Mask) -> list[int]:
+    """Outputs, from 1, that move in flight."""
+    servo = ctx.state.servo_us[flying]
+    known = np.isfinite(servo).all(axis=0)
+    return [int(k) + 1 for k in np.flatnonzero(known) if np.ptp(servo[:, k]) > MOVES_US]
+
+
+def _followed(ctx: Context, motion: Trajectory, flying: Mask, moving: Sequence[int]) -> Array:
+    """Correlation (rotors, outputs) of every speed with every output, without what is common to all of them."""
+    rate = motion.grid.rate
+    speeds = _apart(ctx.state.rpm, rate)
+    commands = _apart(ctx.state.servo_us[:, [o - 1 for o in moving]], rate)
+    latest = round(FOLLOWS_S * rate)
+    out = np.zeros((speeds.shape[1], commands.shape[1]))
+    for late in range(0, latest + 1, max(latest // 10, 1)):
+        use = flying[late:]
+        a = speeds[late:][use]
+        b = commands[: len(commands) - late][use]
+        known = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+        if known.sum() < FEWEST_SAMPLES:
+            continue
+        with np.errstate(invalid="ignore"):
+            both = np.corrcoef(a[known].T, b[known].T)
+        found = np.nan_to_num(both[: len(out), len(out) :])
+        out = np.maximum(out, found)
+    return out
+
+
+def _apart(x: Array, rate: float) -> Array:
+    """What of (n, k) changes within ``APART_S``, less the mean of all."""
+    fast = np.stack([band(column, rate, *APART_S) for column in x.T], axis=1)
+    return np.asarray(fast - fast.mean(axis=1, keepdims=True))
 
 
 def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:

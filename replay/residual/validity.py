@@ -12,6 +12,7 @@ from models.effects import Context
 from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
+from replay.residual.held_down import held_down
 from replay.residual.motion import Trajectory, rotor_rate_hz
 from replay.residual.standing import ROTORS_OFF_SHARE, standing
 
@@ -21,6 +22,8 @@ ROSE_M = 0.5
 """Change of height that proves a flight."""
 LIFT_S, TAKE_OFF_S, CONTACT_S, JUMP_S, CLIP_S = 0.2, 1.0, 0.3, 0.2, 0.3
 """Half width of the mean of lift; time around take-off and landing, contact, a jump and a clipped sample left out."""
+NEVER_SHARE = 0.5
+"""Share of the time with turning rotors in which a vehicle is held that has not flown."""
 ARMED_S = 1.0
 """Time around the armed interval that is still looked at: heartbeats come once a second."""
 TOUCHING_RADII = 0.1
@@ -39,6 +42,20 @@ class Excluded:
 
     reason: str
     seconds: float
+
+
+@dataclass(frozen=True)
+class Airborne:
+    """Samples (n,) in the air; with turning rotors; and of these the ones at which the vehicle is held, or stands."""
+
+    flying: Mask
+    turning: Mask
+    held: Mask
+
+    @property
+    def never(self) -> bool:
+        """Whether the rotors turned, and mostly on a vehicle that was held."""
+        return bool(self.held.sum() > NEVER_SHARE * self.turning.sum())
 
 
 @dataclass(frozen=True)
@@ -97,8 +114,8 @@ def _incomplete(x: Array) -> Mask:
     return np.asarray(~np.isfinite(x.reshape(len(x), -1)).all(axis=1))
 
 
-def airborne(log: FlightLog, ctx: Context, motion: Trajectory) -> Mask:
-    """Samples (n,) with lift, armed, and not on the ground, by the autopilot or by what the rotors do not move."""
+def airborne(log: FlightLog, ctx: Context, motion: Trajectory) -> Airborne:
+    """When the vehicle is in the air: armed, with lift, not on the ground by the autopilot, and not held."""
     grid = motion.grid
     t, lift = grid.t, ctx.thrust.sum(axis=1)
     with np.errstate(invalid="ignore"):
@@ -109,7 +126,9 @@ def airborne(log: FlightLog, ctx: Context, motion: Trajectory) -> Mask:
     if log.armed:
         armed = [(t >= i.start_s - ARMED_S) & (t <= i.end_s + ARMED_S) for i in log.armed]
         flying &= np.logical_or.reduce(armed)
-    return flying & ~standing(ctx, motion, rotor_rate_hz(log, ctx.vehicle))
+    turning, held = held_down(ctx, motion)
+    flying &= ~held & ~standing(ctx, motion, rotor_rate_hz(log, ctx.vehicle))
+    return Airborne(flying, turning, held)
 
 
 def _needed_lift(ctx: Context, lift: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -9,12 +10,15 @@ import numpy as np
 from models.effects import Context
 from models.frames import Array
 from models.lift_ratio import JUDGED
+from models.vehicle_setup.rotor_speed import POLE_PARAMETERS
 from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change
 from replay.residual.motion import Trajectory
 
 FEWEST_SAMPLES = 50
 """Airborne samples from which on the lift is compared."""
+POLES_LEAST = (0.4, 2.5)
+"""Share of the speeds outside which they may be in another unit: other poles make 2/5 at most of them, or 5/2."""
 FEWEST_COMMON = 200
 """Common samples from which on a correlation counts."""
 BAND_S = (0.05, 0.5)
@@ -45,6 +49,11 @@ def wrong_lift(ctx: Context, flying: Mask) -> list[LogFault]:
     if not np.isfinite(ratio) or low <= ratio <= high:
         return []
     what = f"declared lift is {ratio:.2g} times the lift that flew: mass, rotors or thrust of another vehicle"
+    speed = math.sqrt(ratio)
+    if ctx.vehicle.telemetered and not POLES_LEAST[0] < speed < POLES_LEAST[1]:
+        carried = f"carries {ctx.vehicle.mass_kg:.3g} kg with such propellers"
+        advice = f"pole count ({', '.join(POLE_PARAMETERS[:2])}) or unit"
+        what += f"; or speeds are {speed:.2g} of what {carried}: {advice}"
     return [LogFault("vehicle file" if ctx.model is None else "model", what)]
 
 

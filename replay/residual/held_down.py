@@ -1,0 +1,208 @@
+"""Rotors that turn while the vehicle does not fly: tied down, on a thrust stand, on the ground or in a hand.
+
+In the air thrust answers to nothing but the vehicle's own mass: what lift changes by is felt, and the attitude never
+rests. The scale of the lift does not matter here, so that a drafted vehicle file serves as well as a measured one.
+Figures are by 65 measured and simulated flights of 20 vehicles; "flights" below are those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effects import Context
+from models.frames import GRAVITY, Array
+from replay.residual.grid import Mask, running_mean
+from replay.residual.motion import Trajectory
+
+DID_NOT_FLY = (
+    "did not fly: rotors turn, but attitude, height and acceleration do not answer (tied down, or on the ground)"
+)
+TURNING_SHARE = 0.1
+"""Modelled lift over weight above which rotors turn, and do not just idle."""
+SETTLED_SHARE, EDGE_S = 0.5, 1.0
+"""Lift over its usual size above which rotors have spun up; time around that is not compared: a take-off's lift is
+carried by the ground, too."""
+WINDOW_S, STEP_S, LEAST_S = 4.0, 1.0, 1.0
+"""Length and distance of the windows; time of turning rotors that one has to hold."""
+SMOOTH_S, SAMPLE_S, LATEST_S = 0.1, 0.04, 0.3
+"""Half width of the mean over noise; distance of samples that are compared; how late lift or acceleration may be."""
+STILL_DEG, USUALLY_STILL_DEG, CALM_DEG = 0.04, 0.1, 0.3
+"""Spread of roll and pitch within a window: below that of any window of a flight (0.07 degrees); of half of a flight's
+windows (0.15); and of one that thrust leaves alone."""
+ASKED_SHARE, UNANSWERED = 0.1, 0.2
+"""Spread of lift over its size from which on a vehicle must answer, and share of it that is felt below which it does
+not. A window of a calm flight answers with 0.46 and more, most windows of the others with 0.36 and more."""
+MOVES_SHARE, ANSWERED = 0.01, 0.5
+"""A vehicle that feels so much of such a spread of lift flies, however level it is."""
+CRUISE_M_S = 1.0
+"""Mean speed of what flies: an estimator that drifts on the bench is slower."""
+MOSTLY, CARRIED_M_S = 0.5, 0.5
+"""Share of windows in which lift is ignored, and mean speed, of a vehicle in a hand. In a flight whose outputs are
+wrong, lift is ignored, too, but it goes somewhere."""
+LONG_S = 8.0
+"""A run of the rotors that is judged by itself; shorter ones are judged together."""
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Of ``m`` samples ``SAMPLE_S`` apart: lift over its usual size, felt force [g], roll and pitch [deg], speed."""
+
+    t: Array
+    lift: Array
+    felt: Array
+    tilt: Array
+    """(m, 2)."""
+    speed: Array
+    turning: Mask
+    settled: Mask
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What some samples show: spread of the attitude [deg] and of lift, share of the latter that is felt, speed."""
+
+    tilt_deg: float
+    asked: float
+    felt: float
+    speed: float
+
+    @property
+    def flies(self) -> bool:
+        """Whether the vehicle surely flies."""
+        return (self.asked > MOVES_SHARE and self.felt > ANSWERED) or self.speed > CRUISE_M_S
+
+    @property
+    def ignores_lift(self) -> bool:
+        """Whether lift changes by much, and nothing comes of it."""
+        return self.asked > ASKED_SHARE and self.felt < UNANSWERED
+
+
+def held_down(ctx: Context, motion: Trajectory) -> tuple[Mask, Mask]:
+    """Samples (n,) at which rotors turn, and those of them at which the vehicle is held, or stands."""
+    lift = ctx.thrust.sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        turning = lift > TURNING_SHARE * ctx.weight
+    held = np.zeros(len(lift), bool)
+    if not turning.any():
+        return turning, held
+    seen = _seen(lift, turning, motion)
+    for start, end in _held_times(seen):
+        held |= (motion.grid.t >= start) & (motion.grid.t <= end)
+    return turning, held & turning
+
+
+def _seen(lift: Array, turning: Mask, motion: Trajectory) -> _Seen:
+    rate = motion.grid.rate
+    every = max(round(SAMPLE_S * rate), 1)
+    usual = float(np.median(lift[turning]))
+    with np.errstate(invalid="ignore"):
+        spun = _mean(lift, rate) > SETTLED_SHARE * usual
+    around = 2 * round(EDGE_S * rate) + 1
+    settled = np.convolve(~spun, np.ones(around), "same") < 0.5
+    r = motion.rotation
+    roll = np.degrees(np.arctan2(r[:, 2, 1], r[:, 2, 2]))
+    pitch = np.degrees(np.arcsin(np.clip(-r[:, 2, 0], -1.0, 1.0)))
+    tilt = np.stack([_mean(roll, rate), _mean(pitch, rate)], axis=1)
+    return _Seen(
+        t=motion.grid.t[::every],
+        lift=_mean(lift / usual, rate)[::every],
+        felt=_mean(-motion.force[:, 2] / GRAVITY, rate)[::every],
+        tilt=tilt[::every],
+        speed=np.linalg.norm(motion.velocity, axis=1)[::every],
+        turning=turning[::every],
+        settled=settled[::every],
+    )
+
+
+def _held_times(seen: _Seen) -> list[tuple[float, float]]:
+    """Begin and end [s] of what is held: single windows, and whole runs of the rotors."""
+    out = []
+    runs = _runs(seen)
+    windows = [w for run in runs for w in _windows(seen, run)]
+    answers = [_answer(seen, w) for w in windows]
+    for window, answer in zip(windows, answers, strict=True):
+        still = answer.tilt_deg < STILL_DEG
+        calm = answer.tilt_deg < CALM_DEG
+        if not answer.flies and (still or (calm and answer.ignores_lift)):
+            out.append(_span(seen, window))
+    for group in _groups(seen, runs):
+        together = np.concatenate(group)
+        inside = [a for w, a in zip(windows, answers, strict=True) if np.isin(w, together).all()]
+        whole = _answer(seen, together)
+        tilts = [a.tilt_deg for a in inside] or [np.inf]
+        still = float(np.median(tilts)) < USUALLY_STILL_DEG
+        ignoring = np.mean([a.ignores_lift for a in inside] or [False]) > MOSTLY
+        carried = bool(ignoring) and whole.speed < CARRIED_M_S
+        if not whole.flies and (still or carried):
+            out += [_span(seen, run) for run in group]
+    return out
+
+
+def _runs(seen: _Seen) -> list[Array]:
+    """Samples (k,) of every run of the rotors."""
+    index = np.flatnonzero(seen.turning)
+    breaks = np.flatnonzero(np.diff(index) > 1) + 1
+    return list(np.split(index, breaks))
+
+
+def _groups(seen: _Seen, runs: list[Array]) -> list[list[Array]]:
+    """Long runs by themselves, short ones together."""
+    long = [run for run in runs if _seconds(seen, run) >= LONG_S]
+    short = [run for run in runs if _seconds(seen, run) < LONG_S]
+    groups = [[run] for run in long]
+    return [*groups, short] if short else groups
+
+
+def _windows(seen: _Seen, run: Array) -> list[Array]:
+    """Parts (k,) of a run, which overlap."""
+    step = round(STEP_S / _step(seen))
+    length = round(WINDOW_S / _step(seen))
+    least = round(LEAST_S / _step(seen))
+    starts = range(0, max(len(run) - length, 0) + 1, max(step, 1))
+    parts = [run[start : start + length] for start in starts]
+    return [part for part in parts if len(part) >= least]
+
+
+def _answer(seen: _Seen, rows: Array) -> _Answer:
+    """What the samples ``rows`` (k,) show."""
+    tilt = seen.tilt[rows]
+    known = np.isfinite(tilt).all(axis=1)
+    spread = float(np.hypot(*tilt[known].std(axis=0))) if known.any() else np.inf
+    speed = seen.speed[rows]
+    fast = float(np.nanmean(speed)) if np.isfinite(speed).any() else 0.0
+    asked, felt = _felt_share(seen, rows[seen.settled[rows]])
+    return _Answer(spread, asked, felt, fast)
+
+
+def _felt_share(seen: _Seen, rows: Array) -> tuple[float, float]:
+    """Spread of lift over the samples ``rows`` (k,), and the share that is felt, as late as suits best."""
+    latest = round(LATEST_S / _step(seen))
+    if len(rows) < round(LEAST_S / _step(seen)):
+        return 0.0, 0.0
+    lift = seen.lift[rows] - np.nanmean(seen.lift[rows])
+    best = 0.0
+    for late in range(-latest, latest + 1):
+        moved = np.clip(rows + late, 0, len(seen.t) - 1)
+        felt = seen.felt[moved] - np.nanmean(seen.felt[moved])
+        both = np.isfinite(lift) & np.isfinite(felt)
+        size = float(lift[both] @ lift[both])
+        best = max(best, float(lift[both] @ felt[both]) / max(size, 1e-12))
+    return float(np.nanstd(lift)), best
+
+
+def _step(seen: _Seen) -> float:
+    return float(seen.t[1] - seen.t[0]) if len(seen.t) > 1 else SAMPLE_S
+
+
+def _seconds(seen: _Seen, rows: Array) -> float:
+    return len(rows) * _step(seen)
+
+
+def _span(seen: _Seen, rows: Array) -> tuple[float, float]:
+    return float(seen.t[rows[0]]), float(seen.t[rows[-1]])
+
+
+def _mean(x: Array, rate: float) -> Array:
+    return running_mean(x, round(SMOOTH_S * rate))
