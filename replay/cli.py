@@ -71,11 +71,11 @@ def _run(a: argparse.Namespace) -> int:
     if a.log.is_dir():
         return _run_folder(a)
     # Imported here so that --help answers at once.
-    from replay.command import write_answer
+    from replay.command import flown, write_answer
     from replay.rerun.history import History
     from replay.rerun.report import run
 
-    config, chosen, notes = pipeline_config(a)
+    config, chosen, notes = pipeline_config(a, flown(a))
     history = History()
     report = run(
         a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",

@@ -40,8 +40,8 @@ Judged = tuple[Extent, str, str]
 """How well, why, and what would change it: all of an ``Ability`` but its question."""
 
 
-def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:
-    """Every question that a diagnosis or a flight asks of one boot."""
+def abilities(log: FlightLog, vehicle: Vehicle | None) -> tuple[Ability, ...]:
+    """Every question that a diagnosis or a flight asks of one boot; ``vehicle``: None where the log shows none."""
     return (
         Ability("forces (Fx Fy Fz)", *_forces(log)),
         Ability("moments (Mx My Mz)", *_moments(log)),
@@ -84,26 +84,34 @@ def _rate(series: Series | None) -> float:
     return series.rate_hz if series is not None and len(series) > 1 else 0.0
 
 
-def _rotors(log: FlightLog, vehicle: Vehicle) -> Judged:
+def _rotors(log: FlightLog, vehicle: Vehicle | None) -> Judged:
     speeds = {number: _rate(esc.rpm) for number, esc in log.escs.items() if esc.rpm is not None}
-    wanted = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
+    rotors = () if vehicle is None else vehicle.rotors
+    wanted = [rotor.esc for rotor in rotors if rotor.esc is not None]
+    wanted = wanted if vehicle else sorted(speeds)
     if wanted and all(n in speeds for n in wanted):
         slowest = min(speeds[n] for n in wanted)
         why = f"speeds of ESC {', '.join(map(str, wanted))} at {slowest:.0f} Hz"
         if slowest < _RPM_HZ:
             return Extent.PARTLY, why + ": slow", change_for(log, "rpm")
         return Extent.YES, why, ""
-    if not wanted and log.servo is not None:
-        return Extent.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]", ""
-    lacking = [n for n in wanted if n not in speeds]
-    why = f"no speed of ESC {', '.join(map(str, lacking))}" if wanted else "no servo outputs"
-    if wanted and log.servo is not None:
+    if vehicle is not None and not wanted:
+        return _by_outputs(log)
+    lacking = ", ".join(str(n) for n in wanted if n not in speeds)
+    why = f"no speed of ESC {lacking}" if lacking else "no rotor speeds"
+    if log.servo is not None:
         why += "; servo outputs are there"
         change = f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)"
         return Extent.PARTLY, why, change
-    outputs = change_for(log, "servo")
-    change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {outputs}" if wanted else outputs
+    change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {change_for(log, 'servo')}"
     return Extent.NO, why, change
+
+
+def _by_outputs(log: FlightLog) -> Judged:
+    """Of a vehicle whose rotors are named by servo."""
+    if log.servo is None:
+        return Extent.NO, "no servo outputs", change_for(log, "servo")
+    return Extent.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]", ""
 
 
 def _range(log: FlightLog, *directions: str) -> Judged:
