@@ -22,6 +22,7 @@ from models.text_file import write_json
 from models.vehicle import Vehicle
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
+_OUTLINED = "the vehicle is drafted from parameters and outputs alone: its sizes and its thrust are typical ones"
 _NO_MODEL = "no model of this vehicle is known: what ground and walls do to it is found in the log, not known before"
 """Of a drafted vehicle that sees a surface."""
 
@@ -66,15 +67,19 @@ def _chosen(vehicle: Vehicle, model: str | None) -> Choice:
     return replace(chosen, note=_NO_MODEL if vehicle.rangefinders else None)
 
 
-def flown(a: argparse.Namespace) -> tuple[Vehicle, Choice]:
-    """The vehicle and the model of a log that is replayed; drafted without ``--vehicle``, as far as the log goes."""
+def flown(a: argparse.Namespace) -> tuple[Vehicle, Choice, Sequence[str]]:
+    """The vehicle and the model of a log that is replayed, and what is assumed of them.
+
+    Without ``--vehicle`` it is drafted, as far as the log goes.
+    """
     asked = partial(of_logs, a.vehicle, a.model, [a.log], Given(), a.target_system)
     try:
-        vehicle, chosen, _ = asked()
+        vehicle, chosen, made = asked()
     except LogError:
         # Too short or too slow to be judged is still enough to be replayed, with the outline of the vehicle.
         vehicle, chosen, _ = asked(measured=False)
-    return vehicle, chosen
+        return vehicle, chosen, (_OUTLINED,)
+    return vehicle, chosen, () if made is None else made.notes
 
 
 def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:

@@ -49,11 +49,14 @@ def run(a: argparse.Namespace) -> int:
 
     check_declared(a.vehicle, a.model)
     folders = any(log.is_dir() for log in a.logs)
-    logs = [path for log in a.logs for path in (logs_in(log)[0] if log.is_dir() else [log])]
+    named: dict[Path, str] = {}
+    for log in a.logs:
+        found, above = (logs_in(log)[0], log) if log.is_dir() else ([log], log.parent)
+        named |= {path: str(path.relative_to(above)) for path in found}
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []
     failed = 0
-    for path in progress_bar(a)(logs):
+    for path in progress_bar(a)(list(named)):
         asked = partial(of_logs, a.vehicle, a.model, [path], Given(), a.target_system)
         refusal, vehicle, draft = "", None, None
         try:
@@ -76,7 +79,7 @@ def run(a: argparse.Namespace) -> int:
             answer = replace(answer, companion=unasked(refusal))
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if speaks(a):
-            print(answer.as_line() if folders else answer.as_text())
+            print(answer.as_line(named[path]) if folders else answer.as_text())
             if a.companion and vehicle is not None and chosen.note and not folders:
                 print(chosen.note)
     if a.json is not None:

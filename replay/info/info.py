@@ -63,14 +63,14 @@ class LogInfo:
         """Plain numbers, by the names of the fields."""
         return rounded(asdict(self))
 
-    def as_line(self) -> str:
-        """One line of a list of logs."""
+    def as_line(self, name: str = "") -> str:
+        """One line of a list of logs; ``name`` in the place of the file's own."""
         duration_s, air_s = sum(b.duration_s for b in self.boots), sum(b.air_s for b in self.boots)
         of_boots = zip(*(b.judges for b in self.boots), strict=True)
         best = [min(same, key=lambda a: _BEST.index(a.answer)) for same in of_boots]
         can = [f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}" for a in best if a.answer != Extent.NO]
         frame = self.vehicle.partition(", drafted")[0]
-        said = f"{Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
+        said = f"{name or Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
         if self.refusal:
             return f"{said}; cannot be judged: {self.refusal}"
         return f"{said}; can be judged: {', '.join(can) or 'nothing'}"

@@ -161,6 +161,8 @@ def folder(tmp_path: Path) -> Path:
     bin_log(tmp_path / "boat.BIN", parameters=(("CRUISE_THROTTLE", 30.0), ("FRAME_CLASS", 2.0)))
     bin_log(tmp_path / "still_v.BIN", parameters=(("FRAME_CLASS", 1.0), ("FRAME_TYPE", 2.0)))
     (tmp_path / "nothing.BIN").write_bytes(bin_flight(outputs=False))
+    (tmp_path / "may").mkdir()
+    said(tmp_path / "may", "quad", ("FRAME_CLASS", 1.0), ("FRAME_TYPE", 3.0))
     ulg_log(tmp_path / "px4_plane.ulg", vehicle_type=2)
     ulg_log(tmp_path / "px4_vtol.ulg", system_type=22, vtol=True)
     return tmp_path
@@ -170,7 +172,7 @@ def test_every_log_of_a_folder_is_named_as_what_it_is(folder, capsys):
     assert main(["info", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     named = {line.partition(": ")[0]: line.partition(": ")[2] for line in lines}
-    assert len(lines) == len(named) == 12
+    assert len(lines) == len(named) == 13
     assert default_vehicle().name not in "".join(lines)
     for log, words in (
         ("plane.tlog", "an aeroplane (MAV_TYPE 1), 20 s"),
@@ -178,6 +180,7 @@ def test_every_log_of_a_folder_is_named_as_what_it_is(folder, capsys):
         ("quadplane.tlog", "a VTOL aeroplane (Q_ENABLE 1)"),
         ("quad.tlog", "quad-x, 20 s"),
         ("bench.tlog", "quad-x"),
+        ("may/quad.tlog", "quad-h"),
         ("wrong_hexa.tlog", "a vehicle of which the log contradicts itself"),
         ("old_plane.BIN", "an aeroplane ('ArduPlane V4.3.0')"),
         ("boat.BIN", "a boat (parameter CRUISE_THROTTLE)"),
@@ -198,7 +201,7 @@ def test_no_answer_about_a_folder_of_others_names_the_papers_tandem(folder, tmp_
     by_name = {Path(answer["log"]).name: answer for answer in json.loads(told)}
     assert by_name["plane.tlog"]["companion"]["engages"] is False
     assert "aeroplane" in by_name["plane.tlog"]["companion"]["text"]
-    for log in sorted(folder.iterdir()):
+    for log in sorted(folder.glob("*.*")):
         code = main(["run", str(log), "--json", "-"])
         out = capsys.readouterr()
         assert default_vehicle().name not in out.out + out.err
@@ -211,6 +214,7 @@ def test_replay_run_of_a_quadrotor_flies_the_draft(folder, capsys):
     report = json.loads(capsys.readouterr().out)
     assert report["vehicle"].startswith("quad-x, drafted from quad.tlog")
     assert report["model"] == "none"
+    assert any(note.startswith("assumed: mass_kg") for note in report["notes"])
 
 
 def test_predict_asks_for_the_vehicle_of_the_model(folder, capsys):
