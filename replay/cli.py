@@ -76,17 +76,18 @@ def _run(a: argparse.Namespace) -> int:
     if a.log.is_dir():
         return _run_folder(a)
     # Imported here so that --help answers at once.
-    from replay.command import write_answer
+    from replay.command import flown, write_answer
     from replay.rerun.history import History
     from replay.rerun.report import run
 
-    config, chosen, notes = pipeline_config(a)
+    vehicle, model, assumed = flown(a)
+    config, chosen, notes = pipeline_config(a, (vehicle, model))
     history = History()
     report = run(
         a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
         watch=history.watch,
     )  # fmt: skip
-    report.notes[:0] = notes
+    report.notes[:0] = [*notes, *assumed]
     # Imported where a page is asked for: it needs the extra "replay", the answer does not.
     write_answer(
         a, report.as_json(), [report.as_text()], lambda: import_module("replay.rerun.page").page(report, history)

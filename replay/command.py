@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from companion.vehicles import chosen_vehicle
 from models.arguments import speaks
 from models.choice import NONE, Choice, choose
-from models.errors import ConfigError
+from models.errors import ConfigError, LogError
 from models.pages.document import write_document
 from models.surrogate.store import load
 from models.text_file import write_json
@@ -22,9 +23,21 @@ from models.vehicle import Vehicle
 from replay.source_options import source_settings
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
+_OUTLINED = "the vehicle is drafted from parameters and outputs alone: its sizes and its thrust are typical ones"
+_NO_MODEL = "no model of this vehicle is known: what ground and walls do to it is found in the log, not known before"
+"""Of a drafted vehicle that sees a surface."""
 
-def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicle, Choice]:
-    """The vehicle of ``--vehicle`` (without a file: the paper's tandem), and the model of ``--model`` for it."""
+
+def check_declared(vehicle_file: Path | str | None, model: str | None) -> None:
+    """A wrong vehicle or model file is said once, before the work."""
+    if vehicle_file is not None:
+        declared(vehicle_file, model)
+    elif model not in (None, NONE):
+        load(model)
+
+
+def declared(vehicle_file: Path | str, model: str | None) -> tuple[Vehicle, Choice]:
+    """The vehicle of ``--vehicle``, and the model of ``--model`` for it."""
     vehicle = chosen_vehicle(vehicle_file)
     return vehicle, choose(vehicle, model)
 
@@ -45,7 +58,30 @@ def of_logs(
     if model not in (None, NONE):  # a wrong model is said before the logs are read
         load(model)
     made = draft(logs, known, target_system, measured=measured)
-    return made.vehicle, choose(made.vehicle, model), made if measured else None
+    return made.vehicle, _chosen(made.vehicle, model), made if measured else None
+
+
+def _chosen(vehicle: Vehicle, model: str | None) -> Choice:
+    """The model for a drafted vehicle. Nobody chose the shipped one, so what fan that is of says nothing here."""
+    chosen = choose(vehicle, model)
+    if chosen.note is None:
+        return chosen
+    return replace(chosen, note=_NO_MODEL if vehicle.rangefinders else None)
+
+
+def flown(a: argparse.Namespace) -> tuple[Vehicle, Choice, Sequence[str]]:
+    """The vehicle and the model of a log that is replayed, and what is assumed of them.
+
+    Without ``--vehicle`` it is drafted, as far as the log goes.
+    """
+    asked = partial(of_logs, a.vehicle, a.model, [a.log], Given(), a.target_system)
+    try:
+        vehicle, chosen, made = asked()
+    except LogError:
+        # Too short or too slow to be judged is still enough to be replayed, with the outline of the vehicle.
+        vehicle, chosen, _ = asked(measured=False)
+        return vehicle, chosen, (_OUTLINED,)
+    return vehicle, chosen, () if made is None else made.notes
 
 
 def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:

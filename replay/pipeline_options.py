@@ -25,7 +25,7 @@ messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
 
 def add_pipeline_options(p: argparse.ArgumentParser) -> None:
     """What a replay of the flight pipeline is given."""
-    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from the log)")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument(
         "--setpoint", choices=("hold", "upstream"), default="hold",
@@ -76,20 +76,17 @@ def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
     return out
 
 
-def pipeline_config(
-    a: argparse.Namespace, drafted: tuple[Vehicle, Choice] | None = None
-) -> tuple[PipelineConfig, Choice, list[str]]:
+def pipeline_config(a: argparse.Namespace, flown: tuple[Vehicle, Choice]) -> tuple[PipelineConfig, Choice, list[str]]:
     """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle.
 
-    ``drafted``: in place of what ``--vehicle`` and ``--model`` declare.
+    ``flown``: the vehicle, and the model for it.
     """
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
     from companion.survey_box import read_box
     from models.vehicle_plausibility import warnings
-    from replay.command import declared
 
-    vehicle, chosen = drafted or declared(a.vehicle, a.model)
+    vehicle, chosen = flown
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,

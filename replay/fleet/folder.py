@@ -16,7 +16,7 @@ from models.arguments import speaks
 from models.errors import ConfigError, LogError
 from models.pages.document import write_document
 from models.text_file import write_json
-from replay.command import check_targets, declared
+from replay.command import check_declared, check_targets
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page
 from replay.fleet.results import keep, known, logs_in, table
@@ -33,7 +33,7 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
         raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
     check_targets(a)
     # A wrong file and a missing package are said once, before the work.
-    declared(a.vehicle, a.model)
+    check_declared(a.vehicle, a.model)
     if a.command == "diagnose":
         import_module("replay.diagnosis.diagnose")
     paths, notes = logs_in(folder)

@@ -9,13 +9,17 @@ from enum import StrEnum
 
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
-from replay.info.settings import ARDUPILOT, change_for
+from replay.info.settings import ARDUPILOT, change_for, older_than, parameter_missing
 from replay.residual.motion import FORCE_RATE_HZ, MOMENT_RATE_HZ
 
 _GOOD_IMU_HZ = 25.0
 """Up to 2 Hz is judged with it; slower accelerometers are judged up to a quarter of their rate."""
 _RANGE_HZ, _RPM_HZ = 5.0, 5.0
 """Slower than 5 Hz, a vehicle at 0.5 m/s moves 0.1 m between readings: half of a small ground effect's length."""
+
+
+_OF_GUID_OPTIONS = (4, 1)
+"""The first ArduCopter with that parameter."""
 
 
 class Extent(StrEnum):
@@ -40,8 +44,8 @@ Judged = tuple[Extent, str, str]
 """How well, why, and what would change it: all of an ``Ability`` but its question."""
 
 
-def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:
-    """Every question that a diagnosis or a flight asks of one boot."""
+def abilities(log: FlightLog, vehicle: Vehicle | None) -> tuple[Ability, ...]:
+    """Every question that a diagnosis or a flight asks of one boot; ``vehicle``: None where the log shows none."""
     return (
         Ability("forces (Fx Fy Fz)", *_forces(log)),
         Ability("moments (Mx My Mz)", *_moments(log)),
@@ -84,26 +88,34 @@ def _rate(series: Series | None) -> float:
     return series.rate_hz if series is not None and len(series) > 1 else 0.0
 
 
-def _rotors(log: FlightLog, vehicle: Vehicle) -> Judged:
+def _rotors(log: FlightLog, vehicle: Vehicle | None) -> Judged:
     speeds = {number: _rate(esc.rpm) for number, esc in log.escs.items() if esc.rpm is not None}
-    wanted = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
+    rotors = () if vehicle is None else vehicle.rotors
+    wanted = [rotor.esc for rotor in rotors if rotor.esc is not None]
+    wanted = wanted if vehicle else sorted(speeds)
     if wanted and all(n in speeds for n in wanted):
         slowest = min(speeds[n] for n in wanted)
         why = f"speeds of ESC {', '.join(map(str, wanted))} at {slowest:.0f} Hz"
         if slowest < _RPM_HZ:
             return Extent.PARTLY, why + ": slow", change_for(log, "rpm")
         return Extent.YES, why, ""
-    if not wanted and log.servo is not None:
-        return Extent.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]", ""
-    lacking = [n for n in wanted if n not in speeds]
-    why = f"no speed of ESC {', '.join(map(str, lacking))}" if wanted else "no servo outputs"
-    if wanted and log.servo is not None:
+    if vehicle is not None and not wanted:
+        return _by_outputs(log)
+    lacking = ", ".join(str(n) for n in wanted if n not in speeds)
+    why = f"no speed of ESC {lacking}" if lacking else "no rotor speeds"
+    if log.servo is not None:
         why += "; servo outputs are there"
         change = f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)"
         return Extent.PARTLY, why, change
-    outputs = change_for(log, "servo")
-    change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {outputs}" if wanted else outputs
+    change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {change_for(log, 'servo')}"
     return Extent.NO, why, change
+
+
+def _by_outputs(log: FlightLog) -> Judged:
+    """Of a vehicle whose rotors are named by servo."""
+    if log.servo is None:
+        return Extent.NO, "no servo outputs", change_for(log, "servo")
+    return Extent.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]", ""
 
 
 def _range(log: FlightLog, *directions: str) -> Judged:
@@ -111,14 +123,14 @@ def _range(log: FlightLog, *directions: str) -> Judged:
     seen = {direction: beam for direction in directions if (beam := log.beam(direction)) is not None}
     if not seen:
         why = f"no rangefinder looks {' or '.join(directions)}"
-        return Extent.NO, why, change_for(log, "range")
+        return Extent.NO, why, change_for(log, "range", directions)
     direction, beam = max(seen.items(), key=lambda item: len(item[1].good))
     rate, share = _rate(beam.distance), beam.share_good
     why = f"{beam.source} {direction} at {rate:.0f} Hz, {share:.0%} of the readings good"
     if not len(beam.good):
         return Extent.NO, why, "nothing, if nothing was in reach; else check the sensor's limits"
     if rate < _RANGE_HZ:
-        return Extent.PARTLY, why, change_for(log, "range")
+        return Extent.PARTLY, why, change_for(log, "range", directions)
     return Extent.YES, why, ""
 
 
@@ -140,9 +152,14 @@ def _channels(log: FlightLog) -> Iterator[Ability]:
 
 def _meaning_of_thrust(log: FlightLog) -> Judged:
     name = "GUID_OPTIONS"
+    old = older_than(log, _OF_GUID_OPTIONS)
+    if old and name not in log.parameters:
+        why = f"{old} has no {name} (it came with 4.1): thrust is a climb rate"
+        return Extent.NO, why, f"ArduCopter 4.1 or later, and {name} with bit 3 (value 8)"
     if log.autopilot == ARDUPILOT and name not in log.parameters:
         why = f"{name} is not among the {len(log.parameters)} parameters in the log"
-        change = f"{change_for(log, 'parameters')}; replay run --param {name}=8 takes it as given"
+        lacking = parameter_missing(log, name, _OF_GUID_OPTIONS)
+        change = f"{lacking}; replay run --param {name}=8 takes it as given"
         return Extent.NO, why, change
     if log.autopilot == ARDUPILOT and not int(log.parameters[name]) & 8:
         why = f"{name} is {log.parameters[name]:g}: thrust is a climb rate"

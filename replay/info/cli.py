@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,25 +44,30 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from companion.config import PipelineConfig
     from models.text_file import write_json
-    from replay.command import declared, of_logs, progress_bar
+    from replay.command import check_declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
-    from replay.info.info import decided, inspect
+    from replay.info.info import decided, inspect, unasked
     from replay.vehicle.draft import Given
 
-    declared(a.vehicle, a.model)  # a wrong file is said once, before the work
+    check_declared(a.vehicle, a.model)
     folders = any(log.is_dir() for log in a.logs)
-    logs = [path for log in a.logs for path in (logs_in(log)[0] if log.is_dir() else [log])]
+    named: dict[Path, str] = {}
+    for log in a.logs:
+        found, above = (logs_in(log)[0], log) if log.is_dir() else ([log], log.parent)
+        named |= {path: str(path.relative_to(above)) for path in found}
     assumed = assumed_parameters(a.param)
     known = Given(settings=source_settings(a.set))
     answers: list[dict[str, Any]] = []
     failed = 0
-    for path in progress_bar(a)(logs):
-        refusal = ""
+    for path in progress_bar(a)(list(named)):
+        asked = partial(of_logs, a.vehicle, a.model, [path], known, a.target_system)
+        refusal, vehicle, draft = "", None, None
         try:
-            vehicle, chosen, draft = of_logs(a.vehicle, a.model, [path], known, a.target_system, measured=a.companion)
+            vehicle, chosen, draft = asked(measured=a.companion)
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
-            vehicle, chosen, draft = *declared(None, a.model), None
+            with suppress(LogError):  # no diagnosis takes it, but its vehicle may be known
+                vehicle, chosen, _ = asked(measured=False)
         try:
             answer = inspect(path, vehicle, a.target_system, refusal, known.settings)
         except LogError as error:
@@ -68,13 +75,15 @@ def run(a: argparse.Namespace) -> int:
             answers.append({"log": str(path), "error": str(error)})
             print(f"replay: {error}", file=sys.stderr)
             continue
-        if a.companion:
+        if a.companion and vehicle is not None:
             config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
             answer = replace(answer, companion=decided(path, config, a.target_system, assumed, quiet=a.quiet))
+        elif a.companion:
+            answer = replace(answer, companion=unasked(refusal))
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if speaks(a):
-            print(answer.as_line() if folders else answer.as_text())
-            if a.companion and chosen.note and not refusal and not folders:
+            print(answer.as_line(named[path]) if folders else answer.as_text())
+            if a.companion and vehicle is not None and chosen.note and not folders:
                 print(chosen.note)
     if a.json is not None:
         write_json(answers, a.json)

@@ -19,6 +19,7 @@ from replay.logs.formats import load
 from replay.numbers import rounded
 from replay.rerun.report import run
 from replay.sources.choose import source_notes, sources_json
+from replay.vehicle.airframe import what_it_is
 
 _BEST = (Extent.YES, Extent.PARTLY, Extent.NO)
 _STACKS: dict[int | None, str] = {None: "unknown", **{stack.value: stack.name.lower() for stack in Stack}}
@@ -68,14 +69,16 @@ class LogInfo:
         longest = max(self.boots, key=lambda boot: boot.duration_s)
         return rounded(asdict(self) | {"source": longest.source})
 
-    def as_line(self) -> str:
-        """One line of a list of logs."""
+    def as_line(self, name: str = "") -> str:
+        """One line of a list of logs; ``name`` in the place of the file's own."""
         duration_s, air_s = sum(b.duration_s for b in self.boots), sum(b.air_s for b in self.boots)
         of_boots = zip(*(b.judges for b in self.boots), strict=True)
         best = [min(same, key=lambda a: _BEST.index(a.answer)) for same in of_boots]
         can = [f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}" for a in best if a.answer != Extent.NO]
         frame = self.vehicle.partition(", drafted")[0]
-        said = f"{Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
+        said = f"{name or Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
+        if self.refusal:
+            return f"{said}; cannot be judged: {self.refusal}"
         return f"{said}; can be judged: {', '.join(can) or 'nothing'}"
 
     def as_text(self) -> str:
@@ -90,17 +93,26 @@ class LogInfo:
 
 def inspect(
     path: Path,
-    vehicle: Vehicle,
+    vehicle: Vehicle | None,
     target_system: int | None = None,
     refusal: str = "",
     settings: Mapping[str, str] | None = None,
 ) -> LogInfo:
     """Read one log as ``vehicle``. Raises LogError where it cannot be read; what it lacks is in the answer.
 
-    ``refusal``: why no diagnosis would take it, where that is known. ``settings``: the instance to read, by quantity.
+    ``vehicle``: None where none can be drafted. ``refusal``: why no diagnosis would take it, where that is known.
+    ``settings``: the instance to read, by quantity.
     """
-    boots = [_boot(log, vehicle) for log in load(path, target_system, settings)]
-    return LogInfo(str(path), path.stat().st_size, vehicle.name, boots, refusal)
+    logs = load(path, target_system, settings)
+    boots = [_boot(log, vehicle) for log in logs]
+    flown = next((log for log in logs if log.armed), logs[0])
+    name = what_it_is(flown) if vehicle is None else vehicle.name
+    return LogInfo(str(path), path.stat().st_size, name, boots, refusal)
+
+
+def unasked(refusal: str) -> dict[str, Any]:
+    """The answer of the pipeline of flight where the log shows no vehicle that it could fly."""
+    return {"engages": False, "refusal": refusal, "text": f"would not engage: {refusal}"}
 
 
 def decided(
@@ -111,14 +123,14 @@ def decided(
         summary = run(path, config, "", target_system, assumed, quiet=quiet).summary
     except LogError as error:
         why = str(error).removeprefix(f"{path}: ")
-        return {"engages": False, "refusal": why, "text": f"would not engage: {why}"}
+        return unasked(why)
     numbers = {key: summary.as_json()[key] for key in ("compensated_s", "duration_s", "refusals_s")}
     engages = numbers["compensated_s"] > 0.0
     verdict = "would have engaged" if engages else "would not have engaged"
     return {"engages": engages, **numbers, "refusal": None, "text": f"{verdict}: {summary.as_text()}"}
 
 
-def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:
+def _boot(log: FlightLog, vehicle: Vehicle | None) -> BootInfo:
     flown = log.between(log.start_s, log.end_s)  # events may be older than the first sample
     armed_s = sum(map(_length, flown.armed))
     ground = [i for i in flown.landed if i.value == _ON_GROUND]

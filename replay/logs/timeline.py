@@ -109,7 +109,9 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
             places.append(index)
             stamps.append(log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
     if not places:
-        raise LogError(f"{log.path}: no stamped message of the autopilot (system {system}): no time axis")
+        raise LogError(
+            f"{log.path}: no stamped message of the autopilot (system {system}), such as ATTITUDE: no time axis"
+        )
     place, stamp = np.concatenate(places), np.concatenate(stamps)
     order = np.argsort(place)
     place, stamp = place[order], stamp[order]

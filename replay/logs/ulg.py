@@ -113,6 +113,21 @@ def _last(topic: Messages, field: str, missing: int) -> int:
     return int(np.nan_to_num(topic.column(field)[-1], nan=missing)) if len(topic) else missing
 
 
+_VTOL = 22
+_MAV_TYPE_OF_KIND = {2: 1, 3: 10, 4: 7}
+"""MAV_TYPE of ``vehicle_status.vehicle_type``: aeroplane, rover, airship; 1 is any multirotor."""
+
+
+def _mav_type(status: Messages) -> int | None:
+    """MAV_TYPE by ``system_type``, else as far as ``is_vtol`` and ``vehicle_type`` say it; None where nothing does."""
+    if not len(status):
+        return None
+    if _last(status, "is_vtol", 0):
+        return _last(status, "system_type", 0) or _VTOL
+    kind = _MAV_TYPE_OF_KIND.get(_last(status, "vehicle_type", 0), 0)
+    return _last(status, "system_type", 0) or kind
+
+
 class _Reader:
     """Builds one FlightLog."""
 
@@ -165,7 +180,7 @@ class _Reader:
             boot=0,
             start_s=start,
             end_s=end,
-            vehicle_type=_last(status, "system_type", 0) if len(status) else None,
+            vehicle_type=_mav_type(status),
             autopilot=_PX4,
             attitude=attitude.series(unflipped(attitude.array("q", 4))),
             rates=self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]"),

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
 from replay.pipeline_options import EXIT_CODES, add_answer_options
+
+if TYPE_CHECKING:
+    from models.choice import Choice
+    from models.vehicle import Vehicle
 
 
 def add_parser(commands: Any) -> None:
@@ -19,7 +23,7 @@ def add_parser(commands: Any) -> None:
         "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
-    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file of the model")
     p.add_argument(
         "--model", metavar="DIR", required=True, help="model directory, as replay diagnose --save-model wrote"
     )
@@ -34,15 +38,15 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from replay.command import check_targets, declared, fault_lines, progress_bar, write_answer
+    from replay.command import check_targets, fault_lines, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
     from replay.predict.predict import predict
 
     check_targets(a)
-    vehicle, chosen = declared(a.vehicle, a.model)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
         raise ConfigError(f"{folders[0]}: is a folder; name the logs, as in replay predict {folders[0]}/*.tlog")
+    vehicle, chosen = _vehicle(a)
     answer = predict(
         a.logs, vehicle, chosen.model, frozen=a.frozen, target_system=a.target_system, progress=progress_bar(a)
     )
@@ -50,3 +54,23 @@ def run(a: argparse.Namespace) -> int:
     content = answer.as_json(a.model) | {"log_faults": faults}
     write_answer(a, content, [*fault_lines(faults), answer.as_text()])
     return 0
+
+
+def _vehicle(a: argparse.Namespace) -> tuple[Vehicle, Choice]:
+    """The vehicle of ``--vehicle``; without it only one that needs no fit: the paper's tandem, where the logs show it.
+
+    A draft would fit the vehicle to the flights that are to be foretold.
+    """
+    from companion.vehicles import default_vehicle
+    from replay.command import declared, of_logs
+    from replay.vehicle.draft import Given
+
+    if a.vehicle is not None:
+        return declared(a.vehicle, a.model)
+    vehicle, chosen, _ = of_logs(None, a.model, a.logs, Given(), a.target_system, measured=False)
+    if vehicle != default_vehicle():
+        raise ConfigError(
+            "--vehicle: is missing: name the vehicle file that the model was made with; "
+            "replay diagnose LOG --save-vehicle FILE drafts one"
+        )
+    return vehicle, chosen

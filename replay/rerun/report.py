@@ -15,21 +15,16 @@ from companion.mavlink.samples import Sample
 from companion.telemetry.summary import Summary
 from models.errors import LogError
 from replay.logs.formats import load, suffix_of
+from replay.logs.names import called
 from replay.logs.timeline import steady
 from replay.logs.tlog import read_tlog
 from replay.logs.tlog_vehicle import choose
 from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples
 
-_NEEDED = {
-    "Heartbeat": "HEARTBEAT of the autopilot (component 1)",
-    "Attitude": "ATTITUDE or ATTITUDE_QUATERNION",
-}
-_WANTED = {
-    "LocalPosition": "LOCAL_POSITION_NED",
-    "Range": "DISTANCE_SENSOR (or RANGEFINDER)",
-    "Parameter": "PARAM_VALUE",
-}
+_NEEDED = {"Heartbeat": "heartbeat", "Attitude": "attitude"}
+_WANTED = {"LocalPosition": "position", "Range": "range", "Parameter": "parameters"}
+"""Kinds of samples, and the quantities that a log names in its own way."""
 
 
 @dataclass
@@ -91,7 +86,7 @@ def run(
     for decision in watch(played.decisions):
         summary.add(decision)
     _check(path, replay, summary)
-    return RunReport(path, model, summary, replay, played.boots(), [*played.notes, *_missing(replay)])
+    return RunReport(path, model, summary, replay, played.boots(), [*played.notes, *_missing(path, replay)])
 
 
 @dataclass
@@ -134,17 +129,19 @@ def play(
 
 
 def _check(path: Path, replay: Replay, summary: Summary) -> None:
-    lacking = [what for kind, what in _NEEDED.items() if not replay.samples[kind]]
+    lacking = [called(path, what) for kind, what in _NEEDED.items() if not replay.samples[kind]]
     if lacking:
         raise LogError(f"{path}: cannot be replayed without {' and '.join(lacking)}: record them and try again")
     if not summary.decisions:
         raise LogError(f"{path}: no decision came of it: its attitudes carry no usable boot time")
 
 
-def _missing(replay: Replay) -> list[str]:
+def _missing(path: Path, replay: Replay) -> list[str]:
     """What the log lacks for offsets, by message."""
-    rotors = {"ServoOutput": "SERVO_OUTPUT_RAW (the rotors of this vehicle file are named by servo)"}
+    out = [called(path, what) for kind, what in _WANTED.items() if not replay.samples[kind]]
     if replay.config.vehicle.telemetered:
-        rotors = {"RotorSpeeds": "ESC_TELEMETRY_x_TO_y, ESC_STATUS or RPM (rotor speeds)"}
-    out = [what for kind, what in (_WANTED | rotors).items() if not replay.samples[kind]]
+        kind, rotors = "RotorSpeeds", f"{called(path, 'rotor speeds')} (rotor speeds)"
+    else:
+        kind, rotors = "ServoOutput", f"{called(path, 'outputs')} (this vehicle's rotors are named by servo)"
+    out += [] if replay.samples[kind] else [rotors]
     return [f"not in the log: {', '.join(out)}"] if out else []

@@ -12,6 +12,7 @@ from models.errors import LogError
 from models.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
+from replay.logs.names import called
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
 from replay.residual.motion import Trajectory, sampled
@@ -48,11 +49,12 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
         lacking = ", ".join(str(r.esc) for r in vehicle.rotors if r.esc not in known)
         if lacking:
             raise LogError(
-                f"{log.path}: no rotor speed of ESC {lacking} (ESC_TELEMETRY, ESC_STATUS); "
+                f"{log.path}: no rotor speed of ESC {lacking} ({called(log.path, 'rotor speeds')}); "
                 "log it, or declare [throttle] and servo outputs in the vehicle file"
             )
     elif log.servo is None:
-        raise LogError(f"{log.path}: no SERVO_OUTPUT_RAW, and the vehicle file declares thrust by servo outputs")
+        outputs = called(log.path, "outputs")
+        raise LogError(f"{log.path}: no {outputs}, and the vehicle file declares thrust by servo outputs")
     own = [log.escs[r.esc] for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
     temperatures, others = (
         [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]

@@ -10,6 +10,7 @@ from models.errors import LogError
 from models.frames import GRAVITY, Array, rotation_from_quaternion
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
+from replay.logs.names import called
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
 
@@ -57,11 +58,10 @@ class Trajectory:
 def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     """The motion over the time with IMU and attitude. Raises LogError in one line where one is missing or too slow."""
     if not log.imus:
-        raise LogError(
-            f"{log.path}: no HIGHRES_IMU, RAW_IMU or SCALED_IMU: without an accelerometer no force can be judged"
-        )
+        lacking = called(log.path, "imu")
+        raise LogError(f"{log.path}: no {lacking}: without an accelerometer no force can be judged")
     if log.attitude is None:
-        raise LogError(f"{log.path}: no ATTITUDE or ATTITUDE_QUATERNION; stream one of them")
+        raise LogError(f"{log.path}: no {called(log.path, 'attitude')}: record it")
     imu: ImuRecord = max(log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0]))
     start = max(imu.specific_force.t_s[0], log.attitude.t_s[0])
     end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])

@@ -9,7 +9,6 @@ import numpy as np
 from models.effects import Context
 from models.frames import Array
 from models.vehicle import Vehicle
-from models.vehicle_setup.motor_layouts import outputs
 from models.vehicle_setup.rotor_speed import Hover, misread
 from replay.flightlog import FlightLog, LogFault
 from replay.residual.distances import MAX_GAP_S
@@ -104,7 +103,8 @@ def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mas
     if len(set(order)) < len(order) or fits.max(axis=1).min() < FOLLOWS:
         return []
     ranks = dict(zip(sorted(numbers), moving, strict=True))
-    by_motor = outputs(log.parameters, len(numbers))
+    declared = log.motor_outputs.numbers
+    by_motor = {motor: declared.get(motor, motor) for motor in range(1, len(numbers) + 1)}
     right = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
     least = FOLLOWS_LESS * fits.max(axis=1).mean()
     for way in right:
@@ -120,6 +120,8 @@ def _moving_outputs(ctx: Context, flying: Mask) -> list[int]:
     """Outputs, from 1, that move in flight."""
     servo = ctx.state.servo_us[flying]
     known = np.isfinite(servo).all(axis=0)
+    if not len(servo):
+        return []
     return [int(k) + 1 for k in np.flatnonzero(known) if np.ptp(servo[:, k]) > MOVES_US]
 
 

@@ -16,6 +16,7 @@ from models.vehicle_setup.estimate import pwm_range
 from models.vehicle_setup.motor_layouts import FRAMES, UNSURE, Motor
 from models.vehicle_setup.px4_frames import px4_rotors, said_by_autostart
 from replay.flightlog import FlightLog, Series
+from replay.logs.names import called
 from replay.sources.outputs import moving_outputs
 from replay.vehicle.kinds import other_kind
 
@@ -69,7 +70,8 @@ def airframe(log: FlightLog) -> Airframe:
     _refuse_others(log)
     speeds = _speeds(log)
     if not speeds and log.servo is None:
-        raise LogError(f"{log.path}: neither rotor speeds nor outputs (ESC_TELEMETRY, ESC_STATUS, SERVO_OUTPUT_RAW)")
+        names = f"{called(log.path, 'rotor speeds')}, {called(log.path, 'outputs')}"
+        raise LogError(f"{log.path}: neither rotor speeds nor outputs ({names})")
     moving, turning = _moving(log.servo), _turning(log)
     seen = len(turning) or len(moving)
     frame = _frame(log, seen)

@@ -47,7 +47,7 @@ def test_rates_gaps_and_share_of_good_readings(tmp_path, capsys):
 def test_what_companion_would_have_done(tmp_path, capsys):
     write_tlog(tmp_path / "a.tlog", flight(10.0))
     _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", TANDEM)
-    main(["run", str(tmp_path / "a.tlog"), "--json", "-"])
+    main(["run", str(tmp_path / "a.tlog"), "--vehicle", str(TANDEM), "--json", "-"])
     run = json.loads(capsys.readouterr().out)
     assert answer["companion"]["compensated_s"] == run["compensated_s"]
     assert answer["companion"]["refusals_s"] == run["refusals_s"]

@@ -11,7 +11,7 @@ import pytest
 from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_tlog
 
 from companion.mavlink.wire_frames import cut
-from companion.vehicles import QUAD
+from companion.vehicles import QUAD, TANDEM
 from replay.cli import main
 from replay.logs.tlog import read_tlog
 
@@ -66,7 +66,7 @@ def test_assumed_parameter_lets_offsets_through(tmp_path, capsys):
 def test_bin_and_ulg_run_and_say_what_they_lack(tmp_path, capsys):
     for name, content in (("a.BIN", bin_flight()), ("b.ulg", ulg_flight())):
         (tmp_path / name).write_bytes(content)
-        assert main(["run", str(tmp_path / name), "--json", "-"]) == 0
+        assert main(["run", str(tmp_path / name), "--vehicle", str(TANDEM), "--json", "-"]) == 0
         report = json.loads(capsys.readouterr().out)
         assert report["decisions"] > 100
     assert "rotor speeds" in " ".join(report["notes"])
