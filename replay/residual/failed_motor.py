@@ -147,8 +147,10 @@ def _signals(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
     by_fan = thrust[:, :, None] * effect
     declared = by_fan.sum(axis=1)
     step_s = grid.every / grid.rate
-    beside = motion.force + np.column_stack([0.0 * lift, 0.0 * lift, ctx.thrust.sum(axis=1) / ctx.vehicle.mass_kg])
-    size = np.linalg.norm(beside, axis=1)
+    # Less lift than declared is no blow: a rotor may turn without its propeller.
+    above = lift * GRAVITY - ctx.thrust.sum(axis=1) / ctx.vehicle.mass_kg
+    upward = np.maximum(np.maximum(above, motion.force[:, 2]), 0.0)
+    size = np.hypot(upward, np.linalg.norm(motion.force[:, :2], axis=1))
     usual = float(np.nanmedian(size[flying])) if flying.any() else np.inf
     hit = size > max(IMPACT_G * GRAVITY, IMPACT_SIGMA * usual)
     with np.errstate(invalid="ignore"):

@@ -29,9 +29,11 @@ LASTS_S = 0.2
 """Time from which on it counts: three telegrams of an ESC at 10 to 25 Hz, slower than any motor's lag."""
 FALLS_S = 1.0
 """So long after a vehicle flew by its lift, it is still in the air."""
-FASTER_S = 0.4
+STAYS_S, MOSTLY = 1.0, 0.8
+"""What comes back within the first was a swing of the outputs; share of that time."""
+FASTER_S = 0.3
 """Of a rotor that turns faster: longer than a motor takes to slow down."""
-FLOWN_S = 3.0
+FLOWN_S = 5.0
 """Flight before, by which the law of speed over output is known."""
 BELOW_IDLE = 0.03
 """Share of the range of outputs below the least that any armed motor had before."""
@@ -63,11 +65,14 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     first = np.flatnonzero(known)
     if len(first) < 2.0 * FLOWN_S * rate:
         return None
-    # A law of the whole flight: a motor that fails is one of many, and late.
-    slope, level = np.polyfit(outputs[known].ravel(), rpm[known].ravel(), 1)
-    if slope <= 0.0:
+    # A law of all motors and of the whole log, idle on the ground included: the one that fails is one of many, and late.
+    seen = np.isfinite(outputs).all(axis=1) & np.isfinite(rpm).all(axis=1) & (ctx.state.time_s < until_s)
+    turning = seen & (rpm > 0.0).all(axis=1)
+    if not turning.any():
         return None
-    asked = _lagged(level + slope * outputs, LAG_S * rate)
+    law = np.polyfit(outputs[turning].ravel(), rpm[turning].ravel() ** 2, 2)
+    squared = np.polyval(law, outputs)
+    asked = _lagged(np.sqrt(np.maximum(squared, 0.0)), LAG_S * rate)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = rpm / np.maximum(asked, LEAST_ASKED * np.median(rpm[known]))
     ratio = ratio / np.nanmedian(np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan), axis=0)
@@ -85,9 +90,19 @@ def _leaves(ctx: Context, ratio: Array, known: Mask, k: int, start: int, rate: f
         fast = (ratio[:, k] > FAST_SHARE) & follow & (ctx.state.rpm[:, k] > np.nanmedian(ctx.state.rpm[known, k]))
     for off, faster, lasts_s in ((slow, False, LASTS_S), (fast, True, FASTER_S)):
         count = max(round(lasts_s * rate), 2)
-        lasting = np.convolve(off[start:].astype(float), np.ones(count), "valid") > count - 0.5
-        if lasting.any():
-            return Lost(k, float(ctx.state.time_s[start + int(np.argmax(lasting))]), faster)
+        stays = _stays(off[start:], follow[start:], count, round(STAYS_S * rate))
+        if stays is not None:
+            return Lost(k, float(ctx.state.time_s[start + stays]), faster)
+    return None
+
+
+def _stays(off: Mask, judged: Mask, count: int, later: int) -> int | None:
+    """First sample from which on it is off for ``count`` samples, and mostly so in those judged of the ``later``."""
+    lasting = np.convolve(off.astype(float), np.ones(count), "valid") > count - 0.5
+    for first in np.flatnonzero(lasting).tolist():
+        span = slice(first, first + later)
+        if off[span].sum() > MOSTLY * judged[span].sum():
+            return int(first)
     return None
 
 
