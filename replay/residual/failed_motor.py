@@ -113,7 +113,7 @@ def failed_motor(ctx: Context, motion: Trajectory, flying: Mask) -> Failure | No
     """The motor that fails in this flight, or two of which one does; None where nothing says so surely."""
     if not places_known(ctx.vehicle) or motion.gyro_hz < SLOWEST_GYRO_HZ:
         return None
-    signals = _signals(ctx, motion, flying)
+    signals = evidence_of(ctx, motion, flying)
     noise = _noise(signals)
     if noise is None:
         return None
@@ -130,7 +130,7 @@ def places_known(vehicle: Vehicle) -> bool:
 
 def evidence_until(ctx: Context, motion: Trajectory, flying: Mask) -> float:
     """When [s] the first impact comes, or the vehicle has turned over: what follows says nothing of a motor."""
-    signals = _signals(ctx, motion, flying)
+    signals = evidence_of(ctx, motion, flying)
     aloft = np.cumsum(signals.flying) * signals.step_s > BEFORE_S
     hit = np.flatnonzero(signals.struck & aloft)
     over = np.flatnonzero(signals.over & aloft)
@@ -139,7 +139,8 @@ def evidence_until(ctx: Context, motion: Trajectory, flying: Mask) -> float:
     return float(min(ends, default=np.inf))
 
 
-def _signals(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
+def evidence_of(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
+    """What a flight shows of its rotors: measured and declared moments and lift, by rows of 0.1 s."""
     grid = motion.grid
     unit = ctx.weight * ctx.lever
     inertia = np.array(ctx.vehicle.inertia_kgm2)
@@ -165,14 +166,16 @@ def _signals(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
     form = FORM * np.sqrt(((apart[:, :, None] * effect) ** 2).sum(axis=1))
     late = LATE_S * np.abs(np.gradient(declared, step_s, axis=0))
     form[:, 2] = np.hypot(form[:, 2], BENT * np.abs(declared[:, 2] - 1.0))
-    good = np.isfinite(measured).all(axis=1) & np.isfinite(declared).all(axis=1)
+    doubt = np.hypot(form, late)
+    # Beside a gap the slope of what is declared is unknown, too.
+    good = np.isfinite(measured).all(axis=1) & np.isfinite(declared).all(axis=1) & np.isfinite(doubt).all(axis=1)
     return _Signals(
         time_s=grid.t[:: grid.every],
         step_s=step_s,
         measured=measured,
         by_fan=by_fan,
         declared=declared,
-        doubt=np.hypot(form, late),
+        doubt=doubt,
         velocity=np.nan_to_num(grid.smooth(ctx.velocity)),
         good=good,
         struck=_in_blocks(hit, grid.every, len(measured)),

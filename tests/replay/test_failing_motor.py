@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 
 from companion.vehicles import chosen_vehicle
+from models.effects import Context
 from replay.flightlog import FlightLog, LogFault, ParameterChange, Series
 from replay.logs.formats import load
+from replay.residual.failed_motor import evidence_of
+from replay.residual.log_state import raw_state
+from replay.residual.motion import read_motion
 from replay.residual.record import build_record
 from tests.simulators.failing import cases, craft, tlog, world
 
@@ -114,3 +118,17 @@ def test_exchanged_places_are_not_told_apart_where_the_order_is_unknown(flights:
     log = flights.log("stopped", speeds=False)
     vehicle = replace(chosen_vehicle(flights.folder / "stopped_outputs.toml"), assumed=("order",))
     assert [fault for fault in build_record(log, vehicle, None).faults if fault.motors] == []
+
+
+def test_a_row_beside_a_gap_is_no_evidence(flights: Flights) -> None:
+    # What is declared there has no slope, so that its doubt is unknown; it made likelihoods that are no numbers.
+    log = flights.log("ordinary", speeds=False)
+    vehicle = chosen_vehicle(flights.folder / "ordinary_outputs.toml")
+    motion = read_motion(log, vehicle)
+    context = Context(raw_state(log, vehicle, motion), vehicle)
+    outputs = context.state.servo_us.copy()
+    outputs[1000:1200] = np.nan
+    holed = replace(context, state=replace(context.state, servo_us=outputs))
+    seen = evidence_of(holed, motion, np.ones(len(outputs), bool))
+    assert np.isfinite(seen.doubt[seen.good]).all()
+    assert not seen.good.all()
