@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +12,14 @@ from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
 from models.errors import LogError
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog, Interval
+from replay.flightlog import FlightLog, Interval, SourceChoice
 from replay.info.abilities import Ability, Extent, abilities
 from replay.info.contents import Stream, streams
 from replay.logs.formats import load
 from replay.numbers import rounded
 from replay.rerun.report import run
 from replay.sources.choose import source_notes, sources_json
-from replay.vehicle.airframe import what_it_is
+from replay.vehicle.airframe import airframe, what_it_is
 
 _BEST = (Extent.YES, Extent.PARTLY, Extent.NO)
 _STACKS: dict[int | None, str] = {None: "unknown", **{stack.value: stack.name.lower() for stack in Stack}}
@@ -104,10 +104,22 @@ def inspect(
     ``settings``: the instance to read, by quantity.
     """
     logs = load(path, target_system, settings)
-    boots = [_boot(log, vehicle) for log in logs]
+    boots = [_boot(_with_frame(log), vehicle) for log in logs]
     flown = next((log for log in logs if log.armed), logs[0])
     name = what_it_is(flown) if vehicle is None else vehicle.name
     return LogInfo(str(path), path.stat().st_size, name, boots, refusal)
+
+
+def _with_frame(log: FlightLog) -> FlightLog:
+    """The log with its frame among what was chosen."""
+    try:
+        frame = airframe(log)
+    except LogError as error:
+        why = str(error).removeprefix(f"{log.path}: ")
+        said = SourceChoice(quantity="frame", chosen=what_it_is(log), why=why)
+    else:
+        said = SourceChoice(quantity="frame", chosen=frame.name, why=frame.source)
+    return replace(log, sources=(*log.sources, said))
 
 
 def unasked(refusal: str) -> dict[str, Any]:

@@ -129,7 +129,10 @@ class _Boot:
             moved = ", ".join(f"{step.by_us / 1e6:+.3g} s" for step in steps[:_SHOWN])
             why = f"the receiver's clock was set {len(steps)} times in flight ({moved}); its steps are taken out"
         return SourceChoice(
-            quantity="clock", chosen="time_boot_ms of the autopilot", others=("the receiver's stamps",), why=why
+            quantity="clock",
+            chosen="time_boot_ms of the autopilot",
+            others=("the receiver's clock",) if steps else (),
+            why=why,
         )
 
     def _parameters(self) -> list[Row]:

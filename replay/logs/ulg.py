@@ -20,7 +20,7 @@ from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from models.errors import LogError
 from models.vehicle_setup.estimate import thrust_to_output
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
 from replay.logs.files import read_file
 from replay.logs.parameters import Row, change_notes, in_force, take_off
@@ -202,6 +202,7 @@ class _Reader:
             landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),
             parameters=parameters,
             parameter_changes=changes,
+            sources=(SourceChoice(quantity="clock", chosen="timestamps since boot", why="the only one"),),
             texts=tuple(
                 (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
                 for m in self._log.logged_messages
