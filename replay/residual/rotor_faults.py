@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -74,19 +75,37 @@ def impossible_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: 
 
     Of all ESCs of the log, whether or not the vehicle file takes its thrust from them.
     """
-    if log.battery is None or flying.sum() < FEWEST_SAMPLES:
+    if flying.sum() < FEWEST_SAMPLES:
         return []
-    t = motion.grid.t[flying]
-    voltage = log.battery.values[:, 0]
-    known = voltage[np.isfinite(voltage)]
-    speeds = {n: esc.rpm.at(t, MAX_GAP_S)[:, 0] for n, esc in log.escs.items() if esc.rpm is not None}
-    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds.values() if (rpm > 0.0).any()]
-    if not known.size or not turning:
-        return []
+    rpm = _median_rpm(log, motion.grid.t[flying])
+    what = None if rpm is None else misread(rpm, _hover(log, ctx.vehicle), log.parameters)
+    return [] if what is None else [LogFault(f"rpm_{min(log.escs)}", what)]
+
+
+def too_slow_to_fly(log: FlightLog, ctx: Context, motion: Trajectory) -> str | None:
+    """What is wrong with speeds that carry nothing by the vehicle file, of a log in which they never do; or None."""
     vehicle = ctx.vehicle
-    hover = Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=float(np.median(known)))
-    what = misread(float(np.median(turning)), hover, log.parameters)
-    return [] if what is None else [LogFault(f"rpm_{min(speeds)}", what)]
+    rpm = _median_rpm(log, motion.grid.t)
+    if rpm is None or not vehicle.telemetered or vehicle.assumed:
+        return None
+    hover = replace(_hover(log, vehicle), mass_kg=vehicle.mass_kg, radius_m=vehicle.rotor_radius_m)
+    return misread(rpm, hover, log.parameters)
+
+
+def _median_rpm(log: FlightLog, t: Array) -> float | None:
+    """Median speed [rpm] of the ESCs that turn at the times ``t`` (n,)."""
+    series = [esc.rpm for esc in log.escs.values() if esc.rpm is not None]
+    speeds = [rpm.at(t, MAX_GAP_S)[:, 0] for rpm in series]
+    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds if (rpm > 0.0).any()]
+    return float(np.median(turning)) if turning else None
+
+
+def _hover(log: FlightLog, vehicle: Vehicle) -> Hover:
+    """What is known without doubt: rotors and battery."""
+    voltage = np.empty(0) if log.battery is None else log.battery.values[:, 0]
+    known = voltage[np.isfinite(voltage)]
+    volts = float(np.median(known)) if known.size else np.nan
+    return Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=volts)
 
 
 def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
@@ -96,6 +115,8 @@ def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mas
     """
     vehicle = ctx.vehicle
     numbers = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
+    if flying.sum() < FEWEST_SAMPLES:
+        return []
     moving = _moving_outputs(ctx, flying)
     if not vehicle.telemetered or len(numbers) < FEWEST_ORDERED or len(numbers) != len(moving):
         return []
