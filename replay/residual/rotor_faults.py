@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from models.effects import Context
 from models.frames import Array
 from models.vehicle import Vehicle
-from models.vehicle_setup.motor_layouts import outputs
+from models.vehicle_setup.motor_layouts import declared_outputs, outputs
 from models.vehicle_setup.rotor_speed import Hover, misread
 from replay.flightlog import FlightLog, LogFault
 from replay.residual.distances import MAX_GAP_S
@@ -37,7 +38,7 @@ MOVES_US = 30.0
 """An output that never moves by more drives no motor in flight."""
 FEWEST_ORDERED = 3
 """Rotors that have an order."""
-APART_S, FOLLOWS_S = (0.03, 1.0), 0.3
+APART_S, FOLLOWS_S = (0.1, 2.0), 0.3
 """Half widths between which speeds and outputs are compared, and time within which a motor and its telemetry follow."""
 FOLLOWS, FOLLOWS_LESS = 0.6, 0.5
 """Correlation of every speed with another motor's output; that with its own is below this share of it."""
@@ -117,24 +118,38 @@ def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mas
     numbers = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
     if flying.sum() < FEWEST_SAMPLES:
         return []
-    moving = _moving_outputs(ctx, flying)
+    declared = set(declared_outputs(log.parameters).values())
+    moving = [o for o in _moving_outputs(ctx, flying) if not declared or o in declared]
     if not vehicle.telemetered or len(numbers) < FEWEST_ORDERED or len(numbers) != len(moving):
         return []
     fits = _followed(ctx, motion, flying, moving)
-    order = [moving[k] for k in fits.argmax(axis=1).tolist()]
-    if len(set(order)) < len(order) or fits.max(axis=1).min() < FOLLOWS:
-        return []
     ranks = dict(zip(sorted(numbers), moving, strict=True))
     by_motor = outputs(log.parameters, len(numbers))
-    right = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
-    least = FOLLOWS_LESS * fits.max(axis=1).mean()
-    for way in right:
-        columns = [moving.index(o) for o in way if o in moving]
-        if len(columns) == len(way) and fits[range(len(way)), columns].mean() > least:
-            return []
-    said = ", ".join(f"ESC {n} output {o}" for n, o in sorted(zip(numbers, order, strict=True)))
+    ways = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
+    right = [[moving.index(o) for o in way] for way in ways if set(way) == set(moving)]
+    rows = range(len(numbers))
+    usual = max(float(fits[rows, way].mean()) for way in right)
+    wrong = [order for way in right for order in _disorders(way)]
+    best = max(wrong, key=lambda order: round(float(fits[rows, order].mean()), 1))
+    found = float(fits[rows, best].mean())
+    if found < FOLLOWS or usual > FOLLOWS_LESS * found:
+        return []
+    pairs = sorted(zip(numbers, [moving[k] for k in best], strict=True))
+    said = ", ".join(f"ESC {n} output {o}" for n, o in pairs)
     what = f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
     return [LogFault(f"rpm_{min(numbers)}", what)]
+
+
+def _disorders(way: list[int]) -> list[list[int]]:
+    """Orders that a mistake makes of ``way``: shifted by one, by more, and two exchanged."""
+    steps = sorted(range(1, len(way)), key=lambda step: min(step, len(way) - step))
+    out = [way[-step:] + way[:-step] for step in steps]
+    for i, j in combinations(range(len(way)), 2):
+        other = list(way)
+        other[i] = way[j]
+        other[j] = way[i]
+        out.append(other)
+    return out
 
 
 def _moving_outputs(ctx: Context, flying: Mask) -> list[int]:
