@@ -62,18 +62,16 @@ def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes
     doubt(lift, LIFT_AND_MOMENTS)
     faults.sort(key=lambda fault: fault not in lift)  # the vehicle file comes first
     doubt(rotor_faults.copies(log, ctx, motion, flying), MOMENTS)
+    shifted = rotor_faults.shifted_speeds(log, ctx, motion, flying)
     if usable & MOMENTS:
-        moments = [
-            *rotor_faults.slow_rotors(log, ctx.vehicle),
-            *motion_faults.gyro_faults(motion, flying),
-            *rotor_faults.shifted_speeds(log, ctx, motion, flying),
-        ]
+        moments = [*rotor_faults.slow_rotors(log, ctx.vehicle), *motion_faults.gyro_faults(motion, flying)]
         doubt(
             moments
             or vehicle_faults.exchanged_fans(ctx, motion, flying)
             or vehicle_faults.exchanged_spins(ctx, motion, flying),
             MOMENTS,
         )
+    doubt(shifted, MOMENTS)
     left_out = []
     at_stop = np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
     if usable & LIFT_AND_MOMENTS and (flying & ~at_stop).sum() >= ENOUGH_S * motion.grid.rate:

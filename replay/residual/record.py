@@ -25,6 +25,7 @@ from replay.residual.log_state import decimated, named_channels, neutral_servos,
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
 from replay.residual.reassigned import motors_reassigned
+from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Excluded, airborne, judged_time
 
@@ -133,7 +134,8 @@ def build_record(
     if record.seconds < SHORTEST_S and air.never:
         raise LogError(f"{log.path}: {DID_NOT_FLY}")
     if record.seconds < SHORTEST_S:
-        raise too_short(record)
+        slow = None if air.flying.any() else too_slow_to_fly(log, context, motion)
+        raise too_short(record) if slow is None else LogError(f"{log.path}: {slow}")
     return record
 
 

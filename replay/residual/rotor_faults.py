@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -35,7 +37,7 @@ MOVES_US = 30.0
 """An output that never moves by more drives no motor in flight."""
 FEWEST_ORDERED = 3
 """Rotors that have an order."""
-APART_S, FOLLOWS_S = (0.03, 1.0), 0.3
+APART_S, FOLLOWS_S = (0.1, 2.0), 0.3
 """Half widths between which speeds and outputs are compared, and time within which a motor and its telemetry follow."""
 FOLLOWS, FOLLOWS_LESS = 0.6, 0.5
 """Correlation of every speed with another motor's output; that with its own is below this share of it."""
@@ -73,19 +75,37 @@ def impossible_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: 
 
     Of all ESCs of the log, whether or not the vehicle file takes its thrust from them.
     """
-    if log.battery is None or flying.sum() < FEWEST_SAMPLES:
+    if flying.sum() < FEWEST_SAMPLES:
         return []
-    t = motion.grid.t[flying]
-    voltage = log.battery.values[:, 0]
-    known = voltage[np.isfinite(voltage)]
-    speeds = {n: esc.rpm.at(t, MAX_GAP_S)[:, 0] for n, esc in log.escs.items() if esc.rpm is not None}
-    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds.values() if (rpm > 0.0).any()]
-    if not known.size or not turning:
-        return []
+    rpm = _median_rpm(log, motion.grid.t[flying])
+    what = None if rpm is None else misread(rpm, _hover(log, ctx.vehicle), log.parameters)
+    return [] if what is None else [LogFault(f"rpm_{min(log.escs)}", what)]
+
+
+def too_slow_to_fly(log: FlightLog, ctx: Context, motion: Trajectory) -> str | None:
+    """What is wrong with speeds that carry nothing by the vehicle file, of a log in which they never do; or None."""
     vehicle = ctx.vehicle
-    hover = Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=float(np.median(known)))
-    what = misread(float(np.median(turning)), hover, log.parameters)
-    return [] if what is None else [LogFault(f"rpm_{min(speeds)}", what)]
+    rpm = _median_rpm(log, motion.grid.t)
+    if rpm is None or not vehicle.telemetered or vehicle.assumed:
+        return None
+    hover = replace(_hover(log, vehicle), mass_kg=vehicle.mass_kg, radius_m=vehicle.rotor_radius_m)
+    return misread(rpm, hover, log.parameters)
+
+
+def _median_rpm(log: FlightLog, t: Array) -> float | None:
+    """Median speed [rpm] of the ESCs that turn at the times ``t`` (n,)."""
+    series = [esc.rpm for esc in log.escs.values() if esc.rpm is not None]
+    speeds = [rpm.at(t, MAX_GAP_S)[:, 0] for rpm in series]
+    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds if (rpm > 0.0).any()]
+    return float(np.median(turning)) if turning else None
+
+
+def _hover(log: FlightLog, vehicle: Vehicle) -> Hover:
+    """What is known without doubt: rotors and battery."""
+    voltage = np.empty(0) if log.battery is None else log.battery.values[:, 0]
+    known = voltage[np.isfinite(voltage)]
+    volts = float(np.median(known)) if known.size else np.nan
+    return Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=volts)
 
 
 def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
@@ -95,25 +115,41 @@ def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mas
     """
     vehicle = ctx.vehicle
     numbers = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
-    moving = _moving_outputs(ctx, flying)
+    if flying.sum() < FEWEST_SAMPLES:
+        return []
+    declared = log.motor_outputs.numbers
+    ours = set(declared.values())
+    moving = [o for o in _moving_outputs(ctx, flying) if not ours or o in ours]
     if not vehicle.telemetered or len(numbers) < FEWEST_ORDERED or len(numbers) != len(moving):
         return []
     fits = _followed(ctx, motion, flying, moving)
-    order = [moving[k] for k in fits.argmax(axis=1).tolist()]
-    if len(set(order)) < len(order) or fits.max(axis=1).min() < FOLLOWS:
-        return []
     ranks = dict(zip(sorted(numbers), moving, strict=True))
-    declared = log.motor_outputs.numbers
     by_motor = {motor: declared.get(motor, motor) for motor in range(1, len(numbers) + 1)}
-    right = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
-    least = FOLLOWS_LESS * fits.max(axis=1).mean()
-    for way in right:
-        columns = [moving.index(o) for o in way if o in moving]
-        if len(columns) == len(way) and fits[range(len(way)), columns].mean() > least:
-            return []
-    said = ", ".join(f"ESC {n} output {o}" for n, o in sorted(zip(numbers, order, strict=True)))
+    ways = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
+    right = [[moving.index(o) for o in way] for way in ways if set(way) == set(moving)]
+    rows = range(len(numbers))
+    usual = max(float(fits[rows, way].mean()) for way in right)
+    wrong = [order for way in right for order in _disorders(way)]
+    best = max(wrong, key=lambda order: round(float(fits[rows, order].mean()), 1))
+    found = float(fits[rows, best].mean())
+    if found < FOLLOWS or usual > FOLLOWS_LESS * found:
+        return []
+    pairs = sorted(zip(numbers, [moving[k] for k in best], strict=True))
+    said = ", ".join(f"ESC {n} output {o}" for n, o in pairs)
     what = f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
     return [LogFault(f"rpm_{min(numbers)}", what)]
+
+
+def _disorders(way: list[int]) -> list[list[int]]:
+    """Orders that a mistake makes of ``way``: shifted by one, by more, and two exchanged."""
+    steps = sorted(range(1, len(way)), key=lambda step: min(step, len(way) - step))
+    out = [way[-step:] + way[:-step] for step in steps]
+    for i, j in combinations(range(len(way)), 2):
+        other = list(way)
+        other[i] = way[j]
+        other[j] = way[i]
+        out.append(other)
+    return out
 
 
 def _moving_outputs(ctx: Context, flying: Mask) -> list[int]:

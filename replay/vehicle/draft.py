@@ -17,10 +17,11 @@ import numpy as np
 
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LogError
-from models.frames import GRAVITY
+from models.frames import GRAVITY, Array
 from models.vehicle import RHO_SEA_LEVEL, Rangefinder, Vehicle
 from models.vehicle_plausibility import findings, target_of
 from models.vehicle_setup.estimate import Guess, typical_sizes
+from models.vehicle_setup.rotor_speed import Hover, misread
 from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges
 from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_types import ASSUMABLE
@@ -81,11 +82,13 @@ class Draft:
     vehicle: Vehicle
     known: tuple[Fact, ...]
     assumed: tuple[Fact, ...] = ()
+    doubts: tuple[str, ...] = ()
+    """What of the logs is not believed."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is assumed, one line each."""
-        return tuple(f"assumed: {fact.as_text()}" for fact in self.assumed)
+        """What is not believed, and what is assumed, one line each."""
+        return (*self.doubts, *(f"assumed: {fact.as_text()}" for fact in self.assumed))
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -113,6 +116,9 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     frame = airframe(first)
     radius = None if given.propeller_m is None else given.propeller_m / 2.0
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
+    doubt = _misread(logs, frame, parameters, given.mass_kg, radius, arm)
+    if doubt is not None:
+        frame, doubt = _without_speeds(logs, frame, parameters, doubt)
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers([first, *logs[1:]], frame, parameters, sizes))
     if not measured:
@@ -126,7 +132,46 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
         raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
-    return Draft(vehicle, tuple(known), tuple(assumed))
+    return Draft(vehicle, tuple(known), tuple(assumed), () if doubt is None else (doubt,))
+
+
+def _misread(
+    logs: Sequence[FlightLog],
+    frame: Airframe,
+    parameters: Mapping[str, float],
+    mass_kg: float | None,
+    radius_m: float | None,
+    arm_m: float | None,
+) -> str | None:
+    """What is wrong with the rotor speeds, by the battery and by what is known of the vehicle."""
+    rpm = _rpm(logs, frame)
+    if rpm is None:
+        return None
+    size = typical_sizes(None, radius_m, arm_m, frame.motors, None)["rotor_radius_m"]
+    placed = radius_m is not None or (mass_kg is None and arm_m is not None)
+    voltage = _voltages(logs)
+    hover = Hover(
+        rotors=len(frame.motors),
+        places=len({(m.forward, m.right) for m in frame.motors}),
+        voltage_v=float(np.median(voltage)) if voltage.size else math.nan,
+        mass_kg=math.nan if mass_kg is None else mass_kg,
+        radius_m=size.value if placed else math.nan,
+        radius_spread=size.spread,
+    )
+    return misread(rpm, hover, parameters)
+
+
+def _without_speeds(
+    logs: Sequence[FlightLog], frame: Airframe, parameters: Mapping[str, float], doubt: str
+) -> tuple[Airframe, str]:
+    """The frame by outputs alone, where all logs hold them, and what is said of that."""
+    if any(log.servo is None for log in logs):
+        return frame, doubt
+    try:
+        by_outputs = airframe(replace(logs[0], parameters=parameters, escs={}))
+    except LogError:
+        return frame, doubt
+    return by_outputs, f"{doubt}; outputs are used instead of them"
 
 
 def _flown(paths: Sequence[Path], target_system: int | None, settings: Mapping[str, str]) -> list[FlightLog]:
@@ -181,11 +226,16 @@ def _rpm(logs: Sequence[FlightLog], frame: Airframe) -> float | None:
     return float(np.median(medians)) if medians else None
 
 
+def _voltages(logs: Sequence[FlightLog]) -> Array:
+    """All battery voltages (n,) that are known."""
+    voltages = [log.battery.values[:, 0] for log in logs if log.battery is not None]
+    return np.concatenate([v[np.isfinite(v)] for v in voltages]) if voltages else np.zeros(0)
+
+
 def _answers(
     logs: Sequence[FlightLog], frame: Airframe, parameters: Mapping[str, float], sizes: Mapping[str, Guess]
 ) -> Answers:
-    voltages = [log.battery.values[:, 0] for log in logs if log.battery is not None]
-    voltage = np.concatenate([v[np.isfinite(v)] for v in voltages]) if voltages else np.zeros(0)
+    voltage = _voltages(logs)
     return Answers(
         name=f"{frame.name}, drafted from {logs[0].path.name}",
         mass_kg=sizes["mass_kg"].value, propeller_m=2.0 * sizes["rotor_radius_m"].value, motors=frame.motors,
