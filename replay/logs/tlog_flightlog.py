@@ -19,7 +19,7 @@ from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
-from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
+from replay.logs.columns import Messages, first_of, imu_record, mounting, quaternions, range_beam, runs, tidy, unflipped
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_vehicle import VehicleChoice, choose, parameters
@@ -179,8 +179,7 @@ class _Boot:
         keys = np.stack([table["component"], table["id"], table["orientation"]], axis=-1)
         for component, sensor, orientation in np.unique(keys, axis=0):
             one = table.where((keys == (component, sensor, orientation)).all(axis=1))
-            q = one["q"][np.argmax(np.isfinite(one["q"]).all(axis=1) & (np.abs(one["q"]).sum(axis=1) > 0.5))]
-            direction = beam_direction(int(orientation), tuple(q.tolist()))
+            direction = beam_direction(int(orientation), mounting(one["q"]))
             if direction is None:
                 self._notes.append(
                     f"DISTANCE_SENSOR {sensor} of component {component}: orientation {orientation} cannot be resolved; "
