@@ -30,6 +30,8 @@ _CLIP_AT_M_S2 = 3.0 * GRAVITY
 """No multirotor in a hover or a gentle flight reaches 3 g by moving; vibration that does is near the sensor's range."""
 _CLIP_HITS = 3
 """One sample at the extreme is the extreme; exactly the same value three times is a stop."""
+_UNIT = 0.1
+"""A quaternion whose length is further from 1 is none."""
 _STEP_SAMPLES = 20_000
 """Samples that show a grid; more change nothing."""
 
@@ -208,6 +210,14 @@ def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
     ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
     return tuple(Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True))
+
+
+def mounting(q: Array) -> tuple[float, float, float, float]:
+    """The first quaternion of (n, 4) that is one, zeros where none is: some senders give a sensor's only once."""
+    with np.errstate(invalid="ignore"):
+        sound = np.abs(np.linalg.norm(q, axis=1) - 1.0) < _UNIT
+    w, x, y, z = q[sound.argmax()].tolist() if sound.any() else (0.0,) * 4
+    return (w, x, y, z)
 
 
 def unflipped(q: Array) -> Array:

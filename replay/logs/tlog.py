@@ -80,7 +80,10 @@ class Tlog:
 
     def part(self, first: int, end: int) -> Tlog:
         """The frames ``first`` <= i < ``end``, as views."""
-        own = slice(first, end)
+        return self.taken(slice(first, end))
+
+    def taken(self, own: slice | NDArray[np.int64]) -> Tlog:
+        """Some of the frames, by their places."""
         arrays = (self.start[own], self.arrival_us[own], self.message_id[own], self.system[own], self.component[own])
         return Tlog(self.path, self.data, *arrays, self.report)
 

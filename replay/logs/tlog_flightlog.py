@@ -19,8 +19,9 @@ from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
-from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
+from replay.logs.columns import Messages, first_of, imu_record, mounting, quaternions, range_beam, runs, tidy, unflipped
 from replay.logs.parameters import Row, change_notes, in_force, take_off
+from replay.logs.repeats import without_repeats
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_vehicle import VehicleChoice, choose, parameter_count, parameters
@@ -43,18 +44,22 @@ _LEAST_MOVING = 0.02
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """Every boot of the chosen vehicle, in order. Raises LogError as ``read_tlog``, without a vehicle, and without boot
     times."""
-    log = read_tlog(path)
+    log, repeated = without_repeats(read_tlog(path))
     choice = choose(log, target_system)
     known = {name: value for _, name, value in parameters(log, choice.system)}
-    return [_Boot(part, choice, axis).flightlog(k, known) for k, (part, axis) in enumerate(boots(log, choice.system))]
+    notes = [*log.report.notes(), *choice.notes()]
+    if repeated:
+        notes.append(f"{repeated} messages came twice, as from two links: each is taken once")
+    parts = enumerate(boots(log, choice.system))
+    return [_Boot(part, choice, axis, notes).flightlog(k, known) for k, (part, axis) in parts]
 
 
 class _Boot:
     """Builds one FlightLog."""
 
-    def __init__(self, log: Tlog, choice: VehicleChoice, axis: BootAxis) -> None:
+    def __init__(self, log: Tlog, choice: VehicleChoice, axis: BootAxis, notes: list[str]) -> None:
         self._log, self._choice, self._axis = log, choice, axis
-        self._notes = [*log.report.notes(), *choice.notes()]
+        self._notes = list(notes)
 
     def _table(self, name: str, *, foreign: bool = False) -> Messages:
         """Messages of the vehicle, or (``foreign``) of everyone."""
@@ -195,8 +200,7 @@ class _Boot:
         keys = np.stack([table["component"], table["id"], table["orientation"]], axis=-1)
         for component, sensor, orientation in np.unique(keys, axis=0):
             one = table.where((keys == (component, sensor, orientation)).all(axis=1))
-            q = one["q"][np.argmax(np.isfinite(one["q"]).all(axis=1) & (np.abs(one["q"]).sum(axis=1) > 0.5))]
-            direction = beam_direction(int(orientation), tuple(q.tolist()))
+            direction = beam_direction(int(orientation), mounting(one["q"]))
             if direction is None:
                 self._notes.append(
                     f"DISTANCE_SENSOR {sensor} of component {component}: orientation {orientation} cannot be resolved; "

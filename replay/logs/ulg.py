@@ -21,9 +21,10 @@ from companion.mavlink.samples import Ring
 from models.errors import LogError
 from models.vehicle_setup.estimate import thrust_to_output
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
-from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
+from replay.logs.columns import Messages, believable, imu_record, mounting, range_beam, runs, time_span, unflipped
 from replay.logs.files import read_file
 from replay.logs.parameters import Row, change_notes, in_force, take_off
+from replay.logs.ulg_repair import repaired
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
@@ -91,13 +92,21 @@ def _boot(path: Path, data: bytes, size: int) -> FlightLog:
         from pyulog import ULog
     except ImportError:
         raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
-    with contextlib.redirect_stdout(io.StringIO()):
+    sound = repaired(data)
+    log: Any = None
+    problem: Exception | None = None
+    # What still misleads pyulog lies behind the first damage.
+    for part in dict.fromkeys((sound.data, data[: sound.first_damage])):
         try:
-            log: Any = ULog(_Bounded(data), _TOPICS)
+            with contextlib.redirect_stdout(io.StringIO()):
+                log = ULog(_Bounded(part), _TOPICS)
+            break
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
-            raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
+            problem = error
+    if log is None:
+        raise LogError(f"{path}: cannot be read as a PX4 log ({problem})")
     try:
-        return _Reader(path, log, size).flightlog()
+        return _Reader(path, log, size, sound.notes).flightlog()
     except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
 
@@ -131,7 +140,7 @@ def _mav_type(status: Messages) -> int | None:
 class _Reader:
     """Builds one FlightLog."""
 
-    def __init__(self, path: Path, log: Any, size: int) -> None:
+    def __init__(self, path: Path, log: Any, size: int, notes: tuple[str, ...]) -> None:
         self._path, self._log, self._size = path, log, size
         self._topics: dict[str, list[Messages]] = {}
         self._numbered: dict[str, list[tuple[int, Messages]]] = {}
@@ -140,7 +149,7 @@ class _Reader:
                 topic = _topic(item.name, item.data)
                 self._topics.setdefault(item.name, []).append(topic)
                 self._numbered.setdefault(item.name, []).append((int(item.multi_id), topic))
-        self._notes: list[str] = []
+        self._notes = list(notes)
         if log.file_corruption:
             self._notes.append("the file is damaged in places; what could be read was")
         if log.dropouts:
@@ -261,8 +270,7 @@ class _Reader:
         out = []
         for number, topic in enumerate(self._topics.get("distance_sensor", [])):
             orientation = _last(topic, "orientation", -1)
-            q = topic.array("q", 4)[-1]
-            direction = beam_direction(orientation, (float(q[0]), float(q[1]), float(q[2]), float(q[3])))
+            direction = beam_direction(orientation, mounting(topic.array("q", 4)))
             series = topic.series(topic.columns("current_distance", "signal_quality"))
             if direction is None or series is None:
                 self._notes.append(f"distance_sensor {number}: orientation {orientation} cannot be resolved; ignored")

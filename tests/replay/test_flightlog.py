@@ -156,6 +156,23 @@ def test_unresolvable_orientation_is_left_out_and_said(tmp_path):
     assert "orientation 77 cannot be resolved" in " ".join(log.summary.notes)
 
 
+@pytest.mark.parametrize("told", [(0,), range(50), (49,)], ids=["the first", "all", "the last"])
+def test_a_sensor_with_a_quaternion_looks_where_its_messages_say(told, tmp_path):
+    """Orientation 100 with pitch -90 degrees; a message may leave the quaternion out. 65535 cm is nothing."""
+    down = (0.5**0.5, 0.0, -(0.5**0.5), 0.0)
+    sensor = []
+    for k in range(50):
+        q = down if k in told else (0.0, 0.0, 0.0, 0.0)
+        reading = 65535 if k % 10 == 0 else 150
+        message = mavlink.MAVLink_distance_sensor_message(40_000 + 20 * k, 10, 400, reading, 0, 4, 100, 0, 0, 0, q, 0)
+        sensor.append((EPOCH_US + 20_000 * k + 2_500, frame(message)))
+    own = [m for m in flight(2.0) if cut(m[1], 0).id != 132]
+    (log,) = logs_of(tmp_path, sorted([*own, *sensor]))
+    beam = log.beam("down")
+    assert (len(beam.distance), len(beam.good)) == (50, 45)
+    assert beam.verdicts[10] is RangeVerdict.ABOVE_MAX
+
+
 def test_clipping_counted_by_the_autopilot_and_seen(tmp_path):
     shakes = [
         (
