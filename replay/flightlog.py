@@ -71,6 +71,10 @@ class Series:
         out[good] = blend[good]
         return out
 
+    def rows(self, chosen: NDArray[np.bool_]) -> Series:
+        """The samples (n,) that are chosen."""
+        return Series(self.t_s[chosen], self.values[chosen], self.source)
+
     def between(self, start_s: float, end_s: float) -> Series:
         """The part with start <= t < end."""
         i, j = np.searchsorted(self.t_s, (start_s, end_s))

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
 from replay.info.settings import ARDUPILOT, change_for, older_than, parameter_missing
@@ -137,8 +139,9 @@ def _range(log: FlightLog, *directions: str) -> Judged:
 def _channels(log: FlightLog) -> Iterator[Ability]:
     temperature = any(esc.temperature_c is not None for esc in log.escs.values())
     battery = log.battery is not None and math.isfinite(float(log.battery.values[:, 0].max(initial=-math.inf)))
+    moving = log.velocity is not None and bool(np.isfinite(log.velocity.values[:, :2]).any())
     for question, there, quantity, there_text in (
-        ("wind and drag", log.velocity is not None, "position", "velocity in the log"),
+        ("wind and drag", moving, "position", "velocity in the log"),
         ("battery sag", battery, "battery", "battery voltage in the log"),
         ("thermal derating", temperature, "temperature", "ESC temperatures in the log"),
         ("air density", log.pressure is not None, "pressure", "static pressure in the log"),

@@ -29,7 +29,7 @@ from replay.flightlog import (
     Stated,
 )
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
-from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
+from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, tidy, time_span, unflipped
 from replay.logs.parameters import change_notes, in_force, take_off
 
 _ARDUPILOT, _QUADROTOR = 3, 2
@@ -44,6 +44,8 @@ _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
 _CENTI, _MILLI = 0.01, 0.001
+_FILTERS = (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK"))
+"""States of a filter, its status, and the parameter with the IMUs of its cores: EKF3 and EKF2."""
 _OUTPUT_NAMES = ("C", "Ch", "Chan", "Mot")
 """Of the outputs: in RCOU of today, of ArduCopter 3.3, and before; in MOT."""
 _PORTS = 2
@@ -140,24 +142,74 @@ def _lanes(data: Dataflash) -> dict[str, Lane]:
             )
             if lane.position is not None:
                 out[f"{kind} core {core}"] = lane
+    for kind, status, _ in _FILTERS:
+        out = _with_switches(out, kind, _primary(data, status))
     return out
 
 
 def _stated(data: Dataflash, lanes: Mapping[str, Lane], parameters: Mapping[str, float]) -> dict[str, Stated]:
-    """The lane that was primary most of the time (XKF4.PI), and the IMU that this lane uses (EK3_IMU_MASK)."""
-    for kind, status, mask_name in (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK")):
-        primary = _of(data.of(status), "C").column("PI")
-        known = primary[np.isfinite(primary)].astype(np.int64)
-        if not known.size or f"{kind} core 0" not in lanes:
+    """The lane that was primary (XKF4.PI), and the IMU that it used most of the time (EK3_IMU_MASK)."""
+    for kind, status, mask_name in _FILTERS:
+        primary = _primary(data, status)
+        if primary is None or f"{kind} core 0" not in lanes:
             continue
-        core = int(np.bincount(known).argmax())
-        out = {"position": Stated(f"{kind} core {core}", f"{status}.PI")}
+        core = int(np.bincount(primary.values[:, 0].astype(np.int64)).argmax())
+        used = f"{kind} core {core}"
+        if _switched(kind) in lanes:
+            used = _switched(kind)
+        out = {"position": Stated(used, f"{status}.PI")}
         mask = int(parameters.get(mask_name, 0))
         imus = [bit for bit in range(len(IMUS)) if mask >> bit & 1]
         if core < len(imus):
             out["imu"] = Stated(_imu_name(data, imus[core]), f"{status}.PI, {mask_name}")
         return out
     return {}
+
+
+def _primary(data: Dataflash, status: str) -> Series | None:
+    """Number of the primary core (n, 1)."""
+    messages = _of(data.of(status), "C")
+    return messages.series(messages.column("PI"))
+
+
+def _switched(kind: str) -> str:
+    """Name of the lane that is one core after the other."""
+    return f"{kind} of the core in use"
+
+
+def _with_switches(lanes: dict[str, Lane], kind: str, primary: Series | None) -> dict[str, Lane]:
+    """The lanes, and where the primary core changed a lane that follows it."""
+    if primary is None or float(np.ptp(primary.values)) == 0.0:
+        return lanes
+    cores = np.unique(primary.values).astype(int).tolist()
+    own = {core: lanes.get(f"{kind} core {core}") for core in cores}
+    known = {core: lane for core, lane in own.items() if lane is not None}
+    if len(known) < len(cores):
+        return lanes
+    attitude = _followed({core: one.attitude for core, one in known.items()}, primary)
+    if attitude is not None:
+        attitude = replace(attitude, values=unflipped(attitude.values))
+    lane = Lane(
+        position=_followed({core: one.position for core, one in known.items()}, primary),
+        velocity=_followed({core: one.velocity for core, one in known.items()}, primary),
+        attitude=attitude,
+    )
+    return {_switched(kind): lane} | lanes
+
+
+def _followed(found: Mapping[int, Series | None], primary: Series) -> Series | None:
+    """Samples of each core while it was primary, in order of time."""
+    parts = []
+    for core, series in found.items():
+        if series is None:
+            return None
+        used = primary.at(series.t_s, hold=True)[:, 0]
+        first = series.t_s < primary.t_s[0]
+        used = np.where(first, primary.values[0, 0], used)
+        parts.append(series.rows(used == core))
+    t_s = np.concatenate([part.t_s for part in parts])
+    values = np.concatenate([part.values for part in parts])
+    return tidy(t_s, values, parts[0].source)
 
 
 def _imu_name(data: Dataflash, instance: int) -> str:

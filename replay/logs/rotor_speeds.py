@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from models.frames import Array
@@ -21,6 +22,8 @@ LOST_S = 0.5
 """A propeller does not stop and come back within this time: spinning down takes longer (Crazyflie: 0.3 s)."""
 LOST_SHARE = 0.02
 """Share of the speeds from which on zeros between them are a habit of the telemetry: one alone may be a fault."""
+SPIKE = 2.0
+"""A propeller at twice the speed of its neighbours in time would give four times the thrust, and lose it again."""
 BATCH = 4
 """ESCs of one telemetry message."""
 FEWEST_SAMPLES = 20
@@ -72,9 +75,19 @@ def believable(rpm: Series) -> Series | None:
     if turning.any() and backwards[turning].mean() < REVERSED_SHARE:
         good &= ~backwards
     kept = Series(rpm.t_s[good], np.abs(rpm.values[good]), rpm.source)
-    lost = _lost_frames(kept)
+    lost = _lost_frames(kept) | _spikes(kept)
     kept = Series(kept.t_s[~lost], kept.values[~lost], rpm.source)
     return kept if len(kept) else None
+
+
+def _spikes(rpm: Series) -> NDArray[np.bool_]:
+    """Speeds (n,) above ``SPIKE`` times the median of themselves and two neighbours each side, all turning."""
+    speed = rpm.values[:, 0]
+    if len(speed) < FEWEST_SAMPLES:
+        return np.zeros(len(speed), bool)
+    around = sliding_window_view(np.pad(speed, 2, mode="edge"), 5)
+    median = np.median(around, axis=1)
+    return np.asarray((median > 0.0) & (speed > SPIKE * median))
 
 
 def _lost_frames(rpm: Series) -> NDArray[np.bool_]:

@@ -21,11 +21,12 @@ from models.frames import GRAVITY, Array
 from models.vehicle import RHO_SEA_LEVEL, Rangefinder, Vehicle
 from models.vehicle_plausibility import findings, target_of
 from models.vehicle_setup.estimate import Guess, typical_sizes
+from models.vehicle_setup.motor_outputs import PORT_OUTPUTS
 from models.vehicle_setup.rotor_speed import Hover, misread
 from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges
 from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_types import ASSUMABLE
-from replay.flightlog import FlightLog
+from replay.flightlog import FlightLog, MotorOutputs
 from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
@@ -127,7 +128,7 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
     said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
     vehicle = replace(found.vehicle, hover_thrust=hover)
-    known, assumed = _facts(vehicle, frame, sizes, said)
+    known, assumed = _facts(vehicle, frame, sizes, said, first.motor_outputs)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
     wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
@@ -300,13 +301,27 @@ def _hover(found: ThrustFit, said: str, start: float, how: str) -> tuple[float, 
     return start, said
 
 
+def _rotors(vehicle: Vehicle, outputs: MotorOutputs) -> Fact:
+    """Numbers of the ESCs or outputs, in the order of the fans, as the autopilot's own parameters count them."""
+    if vehicle.telemetered:
+        return Fact("rotors", [rotor.esc for rotor in vehicle.rotors], "ESC numbers")
+    numbers = [rotor.servo or 0 for rotor in vehicle.rotors]
+    if outputs.group:
+        return Fact("rotors", numbers, f"outputs of {outputs.group}")
+    # ArduPilot counts on: its output 17 is the first of port 1.
+    first = PORT_OUTPUTS * outputs.port
+    return Fact("rotors", [first + number for number in numbers], "outputs")
+
+
 def _facts(
-    vehicle: Vehicle, frame: Airframe, sizes: Mapping[str, Guess], said: Mapping[str, str]
+    vehicle: Vehicle,
+    frame: Airframe,
+    sizes: Mapping[str, Guess],
+    said: Mapping[str, str],
+    outputs: MotorOutputs,
 ) -> tuple[list[Fact], list[Fact]]:
     """What is known, and what is assumed."""
-    numbers = [r.esc or r.servo for r in vehicle.rotors]
-    known = [Fact("frame", frame.name, frame.source)]
-    known.append(Fact("rotors", numbers, "ESC numbers" if frame.telemetered else "outputs"))
+    known = [Fact("frame", frame.name, frame.source), _rotors(vehicle, outputs)]
     assumed = []
     for key, guess in sizes.items():
         if guess.assumed:

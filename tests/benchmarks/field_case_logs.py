@@ -127,9 +127,9 @@ class BinLog:
 
 
 def pulses(flight: Flight, t: float) -> list[int]:
-    """Of each motor, as ArduPilot with ``QUAD_PARAMETERS`` sends them [us]."""
+    """Of each motor, 1000 to 2000 us."""
     command = flight.at(flight.command, t)
-    return [round(1000.0 + 1000.0 * (0.15 + 0.8 * u)) for u in command]
+    return [round(1000.0 + 1000.0 * float(u)) for u in command]
 
 
 def bin_log(flight: Flight | None = None) -> BinLog:
