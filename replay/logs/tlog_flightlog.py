@@ -35,6 +35,8 @@ _STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
 _OF_ESC = ("rpm", "temperature")
 """Quantities of an ``EscRecord``, in its order."""
+_LONGEST_DELAY_US = 10_000_000
+"""A link may be late by less, for good: then the clock was not set."""
 _SHOWN = 4
 """Steps of a clock that are told one by one."""
 _LEAST_MOVING = 0.02
@@ -126,13 +128,13 @@ class _Boot:
     def _clock(self) -> SourceChoice:
         """Which clock gives the times."""
         steps = self._axis.clock_steps
-        ahead = [step for step in steps if step.by_us > 0]
+        ahead = [step for step in steps if step.by_us > _LONGEST_DELAY_US]
         if ahead:
             self._notes.append(f"the receiver's clock was set ahead {len(ahead)} times")
         why = "messages without a boot stamp are placed by their arrival"
         if steps:
             moved = ", ".join(f"{step.by_us / 1e6:+.3g} s" for step in steps[:_SHOWN])
-            why = f"the receiver's clock was set {len(steps)} times in flight ({moved}); its steps are taken out"
+            why = f"the receiver's clock moved against it {len(steps)} times ({moved}); that is taken out"
         return SourceChoice(
             quantity="clock",
             chosen="time_boot_ms of the autopilot",
