@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +19,14 @@ Columns = NDArray[np.int64]
 def hundredths(context: Context) -> Array:
     """One hundredth of the weight, times the lever for moments [N, N m] (6,): the unit of a channel."""
     return 0.01 * context.weight * np.where(np.arange(6) < 3, 1.0, context.lever)
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Rows of a channel that are sums of others: ``mixing`` (k, m) times the rows ``of`` (k,)."""
+
+    of: Columns
+    mixing: Array
 
 
 class ResidualChannel:
@@ -33,6 +44,8 @@ class ResidualChannel:
         self.limit = limit
         self.count = max(int(self.valid.sum()), 1)
         self.where = np.empty(0, np.int64)
+        self.mixtures: dict[int, Mixture] = {}
+        """By the first of their rows."""
         self._parts = [np.where(self.valid, y, 0.0)[None]]
 
     @property
@@ -44,8 +57,23 @@ class ResidualChannel:
 
     def add(self, columns: Columns, x: Array) -> None:
         """Columns (n, m) of the library with these numbers."""
+        self._append(columns, np.where(self.valid, x.T, 0.0))
+
+    def mix(self, columns: Columns, of: Columns, mixing: Array) -> None:
+        """Columns (m,) of the library that are sums of those in ``of`` (k,), by ``mixing`` (k, m)."""
+        self.reach(int(of.max()) + 1)
+        rows = self.where[of]
+        acting = rows >= 0
+        if not acting.any():
+            return
+        mixture = Mixture(rows[acting], mixing[acting])
+        x = mixture.mixing.T @ self.rows[mixture.of]
+        self.mixtures[len(self.rows)] = mixture
+        self._append(columns, x)
+
+    def _append(self, columns: Columns, rows: Array) -> None:
         first = sum(map(len, self._parts))
-        self._parts.append(np.where(self.valid, x.T, 0.0))
+        self._parts.append(rows)
         self.reach(int(columns.max()) + 1)
         self.where[columns] = np.arange(first, first + len(columns))
 
@@ -68,14 +96,30 @@ class Whitened:
     @property
     def gram(self) -> Array:
         """Of all rows with each other (1 + k + 1, 1 + k + 1); the last, -1, is 0: a column that does not act here."""
-        old, count = len(self._rows), len(self.channel.rows)
+        old = len(self._rows)
+        count = len(self.channel.rows)
         if count > old:
-            fresh = self._spectrum.whiten(self.channel.rows[old:].T, self.channel.run).T
-            self._rows = np.concatenate([self._rows, fresh])
+            self._whiten(old)
             self._gram = np.pad(self._gram[:old, :old], (0, count + 1 - old))
-            self._gram[old:count, :count] = fresh @ self._rows.T
-            self._gram[:old, old:count] = self._gram[old:count, :old].T
+            mixtures = self.channel.mixtures
+            ends = (end for m, mixture in mixtures.items() for end in (m, m + mixture.mixing.shape[1]))
+            for first, end in pairwise(sorted({old, count, *(e for e in ends if e > old)})):
+                self._multiply(first, end, mixtures.get(first))
         return self._gram
+
+    def _whiten(self, old: int) -> None:
+        fresh = self._spectrum.whiten(self.channel.rows[old:].T, self.channel.run).T
+        self._rows = np.concatenate([self._rows, fresh])
+
+    def _multiply(self, first: int, end: int, mixture: Mixture | None) -> None:
+        """Inner products of some rows with those before and each other; of sums of rows they are sums, too."""
+        gram = self._gram
+        if mixture is None:
+            gram[first:end, :end] = self._rows[first:end] @ self._rows[:end].T
+        else:
+            gram[first:end, :first] = mixture.mixing.T @ gram[mixture.of, :first]
+            gram[first:end, first:end] = gram[first:end, mixture.of] @ mixture.mixing
+        gram[:first, first:end] = gram[first:end, :first].T
 
     def gram_of(self, rows: Columns, kept: Mask) -> Array:
         """The same of some rows with each other, over some samples."""
