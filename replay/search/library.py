@@ -102,6 +102,14 @@ class Library:
         self._reach()
         return self.terms[-1]
 
+    def forget(self, term: Term) -> None:
+        """Take the last term out."""
+        assert self.terms[-1] is term
+        self.terms.pop()
+        self.numbers_of[term.key].pop()
+        for channel in self.channels:
+            channel.forget(term.columns)
+
     def finer(self, term: Term, share: float) -> list[Term]:
         """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
         effect = term.effect
