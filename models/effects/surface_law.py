@@ -29,14 +29,18 @@ SEEN_S = 0.5
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     bearing, declared = ctx.state.wall_bearing_rad, _declared(ctx)
-    near = np.moveaxis(_weights(ctx) * ctx.shared_thrust[..., None], -1, 0)
+    near = _weights(ctx) * ctx.shared_thrust[..., None]
     made: dict[str, Callable[[Array], Array]] = {
         "lift": ctx.lift,
         "pull": partial(ctx.pull, bearing=bearing),
         "tilt": partial(ctx.tilt, bearing=bearing),
     }
     gains = [ctx.corners(declared * COMPONENTS[part], bearing) for part in PARTS]
-    return (*gains, *(made[part](near[k]) for part, k in CELLS))
+    fans = near.shape[-2]
+    # A newton at every fan in turn, (fans, ..., 6): a cell's wrench is a sum of these.
+    alone = np.eye(fans).reshape(fans, *(1,) * np.ndim(bearing), fans)
+    cells = {part: np.moveaxis(make(alone), 0, -1) @ near for part, make in made.items()}
+    return (*gains, *(cells[part][..., k] for part, k in CELLS))
 
 
 def _weights(ctx: Context) -> Array:

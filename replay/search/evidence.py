@@ -189,12 +189,18 @@ class Evidence:
         by_width: dict[int, list[int]] = {}
         for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
             by_width.setdefault(len(library.terms[i].columns), []).append(i)
-        set_columns, x_bias = Design(library, fit.terms).columns, library.x_bias
-        cross, g = x_bias[:, set_columns].T @ x_bias, library.bias @ x_bias
-        for white, variance in self._channels(fit.noise):
+        asked = np.unique(np.concatenate([library.terms[i].columns for n in by_width.values() for i in n]))
+        set_columns = Design(library, fit.terms).columns
+        x_bias = library.x_bias[:, asked]
+        cross = library.x_bias[:, set_columns].T @ x_bias
+        g = library.bias @ x_bias
+        channels = list(self._channels(fit.noise))
+        for white, variance in channels:
             where = white.channel.where
-            cross += white.gram[np.ix_(where[set_columns], where)] / variance
-            g += white.gram[0, where] / variance
+            beside = np.concatenate([[0], where[set_columns]])
+            gram = white.between(beside, where[asked]) / variance
+            g += gram[0]
+            cross += gram[1:]
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
         out = np.full(len(library.terms), np.nan)
@@ -202,13 +208,13 @@ class Evidence:
             columns, centre = (
                 np.stack([getattr(library.terms[i], of) for i in numbers]) for of in ("columns", "centre")
             )
-            bias = x_bias[:, columns].transpose(1, 2, 0)
-            own = np.eye(columns.shape[1]) - across[columns] @ cross[:, columns].transpose(1, 0, 2)
+            at = np.searchsorted(asked, columns)
+            bias = x_bias[:, at].transpose(1, 2, 0)
+            own = np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2)
             own += bias @ bias.transpose(0, 2, 1)
-            for white, variance in self._channels(fit.noise):
-                local = white.channel.where[columns]
-                own += white.gram[local[:, :, None], local[:, None, :]] / variance
-            v = g[columns] + centre
+            for white, variance in channels:
+                own += white.within(white.channel.where[columns]) / variance
+            v = g[at] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
             out[numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
@@ -226,6 +232,12 @@ class Evidence:
             if term.key not in best or odds > best[term.key][0]:
                 best[term.key] = (odds, term)
         return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
+
+    def forget(self, term: Term) -> None:
+        """Take the library's last term out: it is not weighed any more."""
+        self.library.forget(term)
+        for white in self._white.values():
+            white.forget()
 
     # --- Parts --------------------------------------------------------------------------------------------------------
 
@@ -281,7 +293,7 @@ class Evidence:
         for white, variance in self._channels(noise):
             flight = white.channel.flight
             rows = np.concatenate([[0], white.channel.where[design.columns]])
-            gram = white.gram_of(rows, ~left_out[flight]) if flight in left_out else white.gram[np.ix_(rows, rows)]
+            gram = white.gram_of(rows, ~left_out[flight]) if flight in left_out else white.between(rows, rows)
             a += gram[1:, 1:] / variance
             r += gram[0, 1:] / variance
         x_bias = self.library.x_bias[:, design.columns]

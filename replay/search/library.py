@@ -23,6 +23,7 @@ from replay.search.terms import (
     log_shapes,
     prior_of,
     regressors_of,
+    unmixed_regressors,
 )
 
 KNOWN = 0.02
@@ -69,6 +70,8 @@ class Library:
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self.numbers_of: dict[Key, list[int]] = {}
         """Numbers of the terms with a key: one effect in all its shapes."""
+        self._unmixed: dict[tuple[str, int], Columns] = {}
+        """Of an effect whose shape only mixes its regressors, and a flight: the columns that are mixed."""
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
         self.remainders: list[Effect] = []
@@ -98,6 +101,14 @@ class Library:
         self._add(effect, None, self._usable(effect), shape, 0.0)
         self._reach()
         return self.terms[-1]
+
+    def forget(self, term: Term) -> None:
+        """Take the last term out."""
+        assert self.terms[-1] is term
+        self.terms.pop()
+        self.numbers_of[term.key].pop()
+        for channel in self.channels:
+            channel.forget(term.columns)
 
     def finer(self, term: Term, share: float) -> list[Term]:
         """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
@@ -183,6 +194,9 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; its model-form errors there, (n, 6) each."""
         record = self.records[f]
+        if effect.mixing is not None:
+            self._mix(effect, f, effect.mixing(shape) * spread, place)
+            return []
         x = regressors_of(effect, record, shape) * spread
         bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
         self._put(f, self._searched_axes(effect, f), place, x[:: self.every[f]])
@@ -190,6 +204,17 @@ class Library:
             part = effect.kinematic_bias(record.context, shape) * spread
             self._bias_columns.setdefault(f, []).append((place, part))
         return bent
+
+    def _mix(self, effect: Effect, f: int, mixing: Array, place: Columns) -> None:
+        """Columns of an effect whose shape only mixes its regressors: these are taken in once."""
+        axes = self._searched_axes(effect, f)
+        if (effect.name, f) not in self._unmixed:
+            x = unmixed_regressors(effect, self.records[f], ())
+            self._unmixed[effect.name, f] = np.arange(self.size, self.size + x.shape[2])
+            self.size += x.shape[2]
+            self._put(f, axes, self._unmixed[effect.name, f], x[:: self.every[f]])
+        for a in axes:
+            self._at[f, a].mix(place, self._unmixed[effect.name, f], mixing)
 
     def _put(self, f: int, axes: Iterable[int], columns: Columns, x: Array) -> None:
         """Columns (n, 6, k) in the channels of one flight where they are not zero."""

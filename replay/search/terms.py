@@ -96,9 +96,14 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        x = np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
+    x = unmixed_regressors(effect, record, shape)
     return x if effect.mixing is None else np.asarray(x @ effect.mixing(shape))
+
+
+def unmixed_regressors(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
+    """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
 
 
 def bent_forms(x: Array, record: Record) -> list[Array]:
