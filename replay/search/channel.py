@@ -130,21 +130,26 @@ class Whitened:
     def between(self, rows: Columns, others: Columns) -> Array:
         """Inner products (r, s) of rows with others."""
         self._keep_up()
+        pairs = rows[:, None], others
         # First a term that is new to all others, then pairs that have not met.
         for share in (0.5, 0.0):
-            missing = ~self._known[np.ix_(rows, others)]
-            fresh = missing.mean(axis=1) > share
+            known = self._known[pairs]
+            if known.all():
+                break
+            fresh = known.mean(axis=1) < 1.0 - share
             if fresh.any():
-                self._form(rows[fresh], others[missing[fresh].any(axis=0)])
-        return np.asarray(self._gram[np.ix_(rows, others)])
+                self._form(rows[fresh], others[~known[fresh].all(axis=0)])
+        return np.asarray(self._gram[pairs])
 
     def within(self, blocks: Columns) -> Array:
         """Inner products (b, k, k) of the rows of every block (b, k) with each other."""
         self._keep_up()
         pairs = blocks[:, :, None], blocks[:, None, :]
-        for block in blocks[~self._known[pairs].all(axis=(1, 2))]:
-            acting = block[block >= 0]
-            self._form(acting, acting)
+        known = self._known[pairs]
+        if not known.all():
+            for block in blocks[~known.all(axis=(1, 2))]:
+                acting = block[block >= 0]
+                self._form(acting, acting)
         return np.asarray(self._gram[pairs])
 
     def gram_of(self, rows: Columns, kept: Mask) -> Array:
@@ -180,12 +185,10 @@ class Whitened:
 
     def _form(self, rows: Columns, others: Columns) -> None:
         product = self._product(rows, others)
-        here = np.ix_(rows, others)
-        mirrored = np.ix_(others, rows)
-        self._gram[here] = product
-        self._gram[mirrored] = product.T
-        self._known[here] = True
-        self._known[mirrored] = True
+        self._gram[rows[:, None], others] = product
+        self._gram[others[:, None], rows] = product.T
+        self._known[rows[:, None], others] = True
+        self._known[others[:, None], rows] = True
 
     def _product(self, rows: Columns, others: Columns) -> Array:
         """Inner products; those of sums of rows are sums, too."""

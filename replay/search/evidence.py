@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
@@ -167,12 +166,21 @@ class Evidence:
         prior = sum(t.prior for t in terms) - self._loud(noise)
         return Fit(terms, b, cov, noise, evidence, beyond_bounds(terms, b, cov), worth(u), prior)
 
-    def deserved(self, terms: Sequence[Term], noise: Noise) -> float:
-        """``within`` and ``worth`` of a set beside a given noise."""
+    def deserved(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
+        """``within`` and ``worth`` of a set beside a given noise; where it is below ``least``, something below that.
+
+        At most ``possible``.
+        """
         terms = tuple(terms)
         design = Design(self.library, terms)
         b, cov = self._posterior(design, noise)
-        return worth(Contributions(design, b, cov)) + beyond_bounds(terms, b, cov)
+        within = beyond_bounds(terms, b, cov)
+        return within if within < least else within + worth(Contributions(design, b, cov))
+
+    @staticmethod
+    def possible(terms: Sequence[Term]) -> float:
+        """What ``deserved`` is where every coefficient is surely within its bounds, and every term worth a name."""
+        return -sum(t.log_within for t in terms)
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
@@ -299,5 +307,5 @@ class Evidence:
         x_bias = self.library.x_bias[:, design.columns]
         a += x_bias.T @ x_bias
         r += x_bias.T @ self.library.bias
-        factor = cho_factor(a, lower=True, check_finite=False)
-        return cho_solve(factor, r, check_finite=False), cho_solve(factor, np.eye(len(r)), check_finite=False)
+        cov = np.linalg.inv(a)
+        return cov @ r, cov

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from models.effects import Context, Effect
 from models.frames import Array
@@ -65,6 +66,11 @@ class Term:
         return self.log_odds + self.log_shape
 
     @cached_property
+    def log_within(self) -> float:
+        """Log share of the prior that lies within the bounds."""
+        return float(log_mass(self.low, self.high, self.centre, np.ones(len(self.low))).sum())
+
+    @cached_property
     def form(self) -> Mask:
         """(k,) whether a coefficient is a model-form error."""
         return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
@@ -83,6 +89,15 @@ def without_form(term: Term) -> Term:
     """The term without its model-form errors."""
     by_column = ("columns", "scale", "centre", "low", "high", "main")
     return replace(term, **{name: getattr(term, name)[~term.form] for name in by_column})
+
+
+def log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
+    """Log of the probability of N(mean, sd) between low and high, element by element."""
+    lo, hi = np.maximum((low - mean) / sd, -1e8), np.minimum((high - mean) / sd, 1e8)
+    flip = lo > 0.0
+    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
+    upper, lower = log_ndtr(hi), log_ndtr(lo)
+    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
 
 
 def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:

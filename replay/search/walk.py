@@ -8,6 +8,7 @@ every near alternative has its weight (Occam's window: Madigan & Raftery 1994, J
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -93,13 +94,19 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
         return new
     evidence = sets.evidence
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
-    odds: dict[Term, float] = {}
+    likely: dict[Term, float] = {}
     for i in evidence.library.numbers_of[term.key]:
         other = evidence.library.terms[i]
-        likely = TRUST * float(screened[i]) + other.prior
-        if likely > WORTH_A_LOOK:
-            odds[other] = likely + evidence.deserved([*fit.terms, other], fit.noise)
-    for other in (t for t, o in odds.items() if o > max(odds.values()) - ALIAS_NATS):
+        likely[other] = TRUST * float(screened[i]) + other.prior
+    odds: dict[Term, float] = {}
+    best = -math.inf
+    for other in sorted(likely, key=lambda t: -likely[t]):
+        together = [*fit.terms, other]
+        least = best - ALIAS_NATS - likely[other]
+        if likely[other] > WORTH_A_LOOK and evidence.possible(together) > least:
+            odds[other] = likely[other] + evidence.deserved(together, fit.noise, least)
+            best = max(best, odds[other])
+    for other in (t for t, o in odds.items() if o > best - ALIAS_NATS):
         new = sets.weigh([*fit.terms, other], fit)
     return new
 

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from models.frames import Array
 from replay.search.channel import ResidualChannel
 from replay.search.library import Design
-from replay.search.terms import STEP_S, Term
+from replay.search.terms import STEP_S, Term, log_mass
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its model-form error, as a share of its own."""
@@ -168,16 +167,7 @@ def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
     """
     if not terms:
         return 0.0
-    low, high, mean = (np.concatenate(v) for v in zip(*((t.low, t.high, t.centre) for t in terms), strict=True))
+    low, high = (np.concatenate(v) for v in zip(*((t.low, t.high) for t in terms), strict=True))
     k = len(low)
     sd = np.sqrt(np.diag(cov)[:k])
-    return float((_log_mass(low, high, b[:k], sd) - _log_mass(low, high, mean, np.ones(k))).sum())
-
-
-def _log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
-    """Log of the probability of N(mean, sd) between low and high, element by element."""
-    lo, hi = np.maximum((low - mean) / sd, -1e8), np.minimum((high - mean) / sd, 1e8)
-    flip = lo > 0.0
-    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
-    upper, lower = log_ndtr(hi), log_ndtr(lo)
-    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
+    return float(log_mass(low, high, b[:k], sd).sum()) - sum(t.log_within for t in terms)
