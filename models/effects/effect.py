@@ -123,6 +123,8 @@ class Context:
     """How much later than stamped the rotor speeds were taken to be."""
     only_answers: bool = False
     """Whether rotor speeds mostly answer noise, as in a flight that only hovers."""
+    accelerometer: bool = True
+    """Whether the specific force was measured, and not computed from the velocity."""
     judged_s: tuple[float, float] | None = None
     """First and last time of a record that is judged, in the air; None: all of it."""
 

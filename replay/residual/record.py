@@ -114,6 +114,7 @@ def build_record(
             model,
             clock_moved_s=max(rotors.correction_s, 0.0),
             only_answers=rotors.correlation < COMMANDED,
+            accelerometer=not derived,
             judged_s=(float(flown[0]), float(flown[-1])) if len(flown) else None,
         ),
         residual=residual,

@@ -290,6 +290,39 @@ def test_velocity_decides_what_is_the_accelerometers_own(quiet: Record) -> None:
     assert names(search(told, some("imu_bias", "wind", "rotor_drag"))) == {"imu_bias"}
 
 
+def without_accelerometer(record: Record) -> Record:
+    """The record with an acceleration that is computed from the velocity."""
+    unknown = np.full_like(record.kinematic_bias, np.nan)
+    return with_context(replace(record, kinematic_bias=unknown), accelerometer=False)
+
+
+def test_an_accelerometer_that_is_not_there_has_no_offset(quiet: Record) -> None:
+    """A steady push of an eighth of the weight on one heading, as a fan wind of 4 m/s makes it: no mounting does."""
+    pushed = straight(without_accelerometer(quiet))
+    residual = pushed.residual.copy()
+    residual[:, 0] -= 0.12 * pushed.context.weight
+    answer = search(replace(pushed, residual=residual), some("imu_bias", "mounting_tilt", "wind", "rotor_drag"))
+    assert names(answer) == {"wind"}
+    why, excited = reason(answer, "imu_bias")
+    assert "there is no accelerometer" in why
+    assert not excited
+
+
+def test_rotors_askew_in_the_frame_of_the_attitude_are_no_offset(quiet: Record) -> None:
+    askew = added(without_accelerometer(quiet), "mounting_tilt", (), 0.04, 0.0)
+    effects = some("imu_bias", "mounting_tilt", "wind", "rotor_drag")
+    answer = search(askew, effects)
+    assert names(answer) == {"mounting_tilt"}
+    assert estimate(answer, "mounting_tilt", "pitch")[1] == pytest.approx(0.04, abs=0.005)
+    measured = search(added(quiet, "mounting_tilt", (), 0.04, 0.0), effects)
+    assert "mounting_tilt" not in names(measured)
+
+
+def test_no_autopilot_flies_with_an_offset_of_a_tenth_of_the_weight(quiet: Record) -> None:
+    answer = search(added(straight(quiet), "imu_bias", (), 1.0), some("imu_bias", "wind"))
+    assert "imu_bias" not in names(answer)
+
+
 def test_a_force_that_is_not_judged_is_not_named(quiet: Record) -> None:
     moments = replace(added(quiet, "ground_effect", (1.5,), -1.5), axes=(3, 4, 5))
     answer = search(moments, some("ground_effect", "cg_offset"))
