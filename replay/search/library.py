@@ -174,7 +174,8 @@ class Library:
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
-                    low, high = c.least(self.records[f].context) / spread[i], c.high / spread[i]
+                    own = self.records[f].context
+                    low, high = c.least(own) / spread[i], c.most(own) / spread[i]
                     priors.append((self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c))))
                     self.size += 1
                 places[f][i] = self.size - 1
