@@ -15,7 +15,7 @@ from models.effects.pictures import percent
 from models.frames import Array
 
 MISSING = 0.25
-"""Share of the mass that may be missing: a smaller pack and no camera. A pack is a quarter of a multirotor, and flies."""
+"""Share of the mass that may be missing: a smaller pack and no camera. Some pack, a quarter of most, is on board."""
 BESIDE_S = 8.0
 """Flight before and after a load is picked up: right after the start the ground lifts, and the pack is not settled."""
 

@@ -27,8 +27,8 @@ DETREND_S, SMOOTH_S = 0.7, 0.03
 CLIMB_S, FASTEST_CLIMB_M_S = 0.1, 2.0
 """Half width over which ranges are differentiated, and the rate beyond which the range has jumped."""
 BORDER, BORDER_SD, SURE = 0.6, 0.1, 0.999
-"""Correlation of lift with the accelerometer about which changes of the lift may be commands or responses; how sure that
-border is, as a standard deviation of Fisher's z; and the largest correlation whose z is told from others."""
+"""Correlation of lift with the accelerometer about which changes of the lift may be commands or responses; standard
+deviation of that border, in Fisher's z; and the largest correlation whose z is told from others."""
 FEWEST_SAMPLES = 100
 """Common samples from which on a correlation is taken."""
 

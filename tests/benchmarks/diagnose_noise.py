@@ -181,7 +181,10 @@ def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: n
     out: Array = share / size * centre
     return (
         out
-        if all(c.least(record.context) <= v <= c.most(record.context) for c, v in zip(effect.coefficients, out, strict=True))
+        if all(
+            c.least(record.context) <= v <= c.most(record.context)
+            for c, v in zip(effect.coefficients, out, strict=True)
+        )
         else None
     )
 

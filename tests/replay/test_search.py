@@ -289,6 +289,32 @@ def test_velocity_decides_what_is_the_accelerometers_own(quiet: Record) -> None:
     assert names(search(told, some("imu_bias", "wind", "rotor_drag"))) == {"imu_bias"}
 
 
+def winged(record: Record, flow: tuple[float, float]) -> Record:
+    """Drag of ``flow`` along x and y (in units of the rotors'), in a flight whose pitch and roll go with the speed."""
+    half, other = 0.5 * (flow[0] + flow[1]), 0.5 * (flow[0] - flow[1])
+    dragged = added(record, "rotor_drag", (0.0,), half, 0.0, 0.0, other)
+    speed = record.context.velocity
+    noise = np.random.default_rng(3).normal(0.0, 0.005, (2, len(speed)))
+    leant = {"pitch_rad": -0.1 * speed[:, 0] + noise[0], "roll_rad": 0.1 * speed[:, 1] + noise[1]}
+    return replace(dragged, channels=record.channels | leant)
+
+
+def test_wings_have_more_drag_one_way_than_the_other(quiet: Record) -> None:
+    """A tail-sitter: five times the drag along one axis. No curve over its attitude says what speed does."""
+    answer = search(winged(quiet, (2.5, 0.5)), list(catalogue()))
+    assert names(answer) == {"rotor_drag"}
+    assert answer.traces[0].carriers == ()
+    low, value, high = estimate(answer, "rotor_drag", "uneven")
+    assert low < 1.0 < high
+    assert value == pytest.approx(1.0, abs=0.25)
+
+
+def test_discs_have_the_same_drag_both_ways(quiet: Record) -> None:
+    answer = search(winged(quiet, (1.2, 1.2)), some("rotor_drag", "body_drag", "wind"))
+    assert names(answer) == {"rotor_drag"}
+    assert abs(estimate(answer, "rotor_drag", "uneven")[1]) < 0.2
+
+
 def without_accelerometer(record: Record) -> Record:
     """The record with an acceleration that is computed from the velocity."""
     unknown = np.full_like(record.kinematic_bias, np.nan)
