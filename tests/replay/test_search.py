@@ -289,6 +289,28 @@ def test_velocity_decides_what_is_the_accelerometers_own(quiet: Record) -> None:
     assert names(search(told, some("imu_bias", "wind", "rotor_drag"))) == {"imu_bias"}
 
 
+def in_short_runs(record: Record, level: float) -> Record:
+    """Runs of 8 s with gaps, in which lift lacks a share ``level`` of the weight beside some slow noise."""
+    weight = record.context.weight
+    slow = coloured(np.random.default_rng(101), len(record.time_s), 3.0, record.step_s)
+    residual = record.residual.copy()
+    residual[:, 2] += (level + 0.005 * slow) * weight
+    valid = (record.time_s - record.time_s[0]) % 9.0 < 8.0
+    residual[~valid] = np.nan
+    return replace(record, residual=residual, valid=valid)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_level_that_is_the_same_in_every_short_run_is_no_slow_noise(seed: int) -> None:
+    """Air that lifts a twentieth of the weight for ten seconds, always the same way: no gust lasts as long."""
+    record = noise_record(seed, 27.0, 0.3)
+    effects = some("payload", "thrust_scale", "imu_bias", "battery_sag", "ground_effect")
+    answer = search(in_short_runs(record, -0.0425), effects)
+    (one,) = answer.found
+    assert {one.effect.name, *one.aliases} >= {"thrust_scale", "payload"}
+    assert names(search(in_short_runs(record, 0.0), effects)) == set()
+
+
 def winged(record: Record, flow: tuple[float, float]) -> Record:
     """Drag of ``flow`` along x and y (in units of the rotors'), in a flight whose pitch and roll go with the speed."""
     half, other = 0.5 * (flow[0] + flow[1]), 0.5 * (flow[0] - flow[1])
