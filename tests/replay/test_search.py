@@ -14,7 +14,7 @@ import pytest
 from diagnose_noise import coloured, noise_record
 
 import replay.search
-from models.effects import Effect, adopted_wrench, catalogue, get
+from models.effects import Effect, adopted, adopted_wrench, catalogue, get
 from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
@@ -693,22 +693,29 @@ def test_an_effect_that_makes_held_out_time_worse_is_not_named() -> None:
 
 
 def test_an_effect_does_not_act_on_an_axis_of_which_it_raises_the_error(quiet: Record) -> None:
-    """Drag that is mostly along one axis, as of a wing or a box."""
+    """Drag that is mostly along one axis, by a law that has the same for both."""
+    uneven = get("rotor_drag")
+    even = replace(
+        uneven,
+        coefficients=uneven.coefficients[:-1],
+        wrenches=lambda ctx, shape: uneven.wrenches(ctx, shape)[:-1],
+    )
     state = quiet.context.state
     level = [2.0 * np.sin(0.9 * state.time_s), 0.3 * np.cos(1.3 * state.time_s), 0.0 * state.time_s]
     flown = with_context(quiet, state=replace(state, velocity_ned=np.stack(level, axis=1)))
     x, y = (added(flown, "rotor_drag", (0.0,), drag).residual[:, i] for i, drag in enumerate((0.6, 0.18)))
     along_x = replace(flown, residual=np.column_stack([x, y, flown.residual[:, 2:]]))
-    answer = conclude([along_x], effects=some("rotor_drag"))
+    answer = conclude([along_x], effects=[even])
     drag = next(iter(answer.found))
     assert drag.without == ("Fy",)
     assert "Fy" not in drag.axes
     before, after = answer.rms(after=False), answer.rms(after=True)
     assert after[0] < 0.5 * before[0]
     assert after[1] == pytest.approx(before[1])
-    (adopted,) = answer.adopted
-    assert adopted.without == ("Fy",)
-    assert not adopted_wrench([adopted], along_x.context)[:, 1].any()
+    (kept,) = answer.adopted
+    assert kept.without == ("Fy",)
+    flies = adopted(kept.name, kept.parameters, kept.without)
+    assert not adopted_wrench([flies], along_x.context)[:, 1].any()
     (entry,) = answer.as_json(None)["effects"]
     assert entry["without"] == ["Fy"]
     assert "not on Fy" in answer.as_text()
