@@ -2,11 +2,12 @@
 
 Valid: V within 30 % of V0.
 Source: brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury 2013, Electric
-Motors and Drives, ch. 3.
+Motors and Drives, ch. 3. A loaded motor's speed follows it less than in proportion, which gives powers of 1 to 2.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,8 @@ from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
+ANSWERED = 0.003
+"""Standard deviation of ``ohmic`` where the thrust only answers disturbances."""
 SLOW_S = 1.0
 """Standard deviation of the Gaussian that voltage goes through: packs empty over minutes, telemetry is noisy [s]."""
 
@@ -36,8 +39,10 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _ohmic(ctx: Context) -> float:
-    # A loop that answers losses of lift by more thrust passes for thrust that falls with the current.
-    return 0.003 if ctx.only_answers else ctx.by_kind(0.01, 0.1)
+    # A loop that answers losses of lift by more thrust passes for thrust that falls with the current: of the mixture of
+    # both the standard deviation.
+    usual = ctx.by_kind(0.01, 0.1)
+    return math.sqrt(ctx.commanded * usual**2 + (1.0 - ctx.commanded) * ANSWERED**2)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -62,7 +67,7 @@ EFFECT = Effect(
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
     coefficients=(
-        Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
+        Coefficient("power", "1", 0.0, 4.0, typical=0.6, centre=1.5),
         Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, belongs_to=BelongsTo.LOAD),
         Coefficient("ohmic", "1", -0.2, 0.8, typical=_ohmic, optional=True),
     ),

@@ -26,6 +26,12 @@ APART_S = 0.5
 """Time over which changes of thrust and specific force are compared: what drifts does not count [s]."""
 
 
+IMPOSSIBLE = 1e-30
+"""Probability of what is as good as impossible: its logarithm is a number."""
+LEAST_LOAD = 0.2
+"""Share of its mass that every vehicle lifts besides: without that much thrust to spare it would not be flown."""
+
+
 class InFlight(Enum):
     """What the flight program may do about an adopted effect."""
 
@@ -70,7 +76,7 @@ class Coefficient:
     name: str
     unit: str
     low: Size
-    high: float
+    high: Size
     typical: Size = 1.0
     centre: Size = 0.0
     belongs_to: BelongsTo | None = None
@@ -84,6 +90,10 @@ class Coefficient:
     def least(self, ctx: Context) -> float:
         """Lower end of what physics expects."""
         return self.low(ctx) if callable(self.low) else self.low
+
+    def most(self, ctx: Context) -> float:
+        """Upper end of what physics expects."""
+        return self.high(ctx) if callable(self.high) else self.high
 
     def mean(self, ctx: Context) -> float:
         """Mean of the prior."""
@@ -121,8 +131,10 @@ class Context:
     model: FanModel | None = None
     clock_moved_s: float = 0.0
     """How much later than stamped the rotor speeds were taken to be."""
-    only_answers: bool = False
-    """Whether rotor speeds mostly answer noise, as in a flight that only hovers."""
+    commanded: float = 1.0
+    """Probability that the thrust changed by command, and not only in response to disturbances (``delays.py``)."""
+    accelerometer: bool = True
+    """Whether the specific force was measured, and not computed from the velocity."""
     judged_s: tuple[float, float] | None = None
     """First and last time of a record that is judged, in the air; None: all of it."""
 
@@ -234,10 +246,11 @@ class Context:
         level[..., 2] = 0.0
         return self.wrench_at_cg(flow[..., None] * level, above_m)
 
-    def own_drag(self, above_m: float) -> tuple[Array, Array, Array]:
-        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving.
+    def own_drag(self, above_m: float) -> tuple[Array, Array, Array, Array]:
+        """``level_drag`` of moving over ground, of turning, what sinking adds to that of moving, and of uneven axes.
 
-        Sinking along the rotor axis adds rho A v_down to the mass flow.
+        Sinking along the rotor axis adds rho A v_down to the mass flow. Uneven axes have as much more drag along x as
+        they have less along y.
         """
         own = self.velocity[..., None, :]
         sinking = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * own[..., 2] * np.ones(len(self.vehicle.fans))
@@ -245,6 +258,7 @@ class Context:
             self.level_drag(own, self.mass_flow, above_m),
             self.level_drag(self.turning, self.mass_flow, above_m),
             self.level_drag(own, sinking, above_m),
+            self.level_drag(own * np.array([1.0, -1.0, 0.0]), self.mass_flow, above_m),
         )
 
     def by_model(self, declared: float, empty: float) -> float:
@@ -254,6 +268,19 @@ class Context:
     def by_kind(self, speeds: float, outputs: float) -> float:
         """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which say less."""
         return speeds if self.vehicle.telemetered else outputs
+
+    def if_commanded(self, chance: float) -> float:
+        """The chance of an effect that shows in commanded changes of the thrust only: others pass for it."""
+        return max(chance * self.commanded, IMPOSSIBLE)
+
+    @property
+    def most_load_kg(self) -> float:
+        """What the rotors can lift besides the vehicle: by their full thrust, or else as much again as it weighs."""
+        throttle = self.vehicle.throttle
+        if throttle is None:
+            return self.vehicle.mass_kg
+        lifted = throttle.max_thrust_n * len(self.vehicle.rotors) / GRAVITY
+        return max(lifted - self.vehicle.mass_kg, LEAST_LOAD * self.vehicle.mass_kg)
 
     @property
     def weight(self) -> float:
@@ -300,11 +327,6 @@ def always(_: Context) -> str | None:
 def where_seen(distance: str, otherwise: str) -> Callable[[Context], str | None]:
     """``lacking`` of an effect of what is at this ``distance`` of the state; ``otherwise`` says that none was seen."""
     return lambda ctx: None if np.isfinite(getattr(ctx.state, distance)).any() else otherwise
-
-
-def where_thrust_is_flown(ctx: Context) -> str | None:
-    """``lacking`` of effects that show in changes of the thrust, but not in those that answer disturbances."""
-    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape
 from models.effects.pictures import percent
 from models.frames import Array
 
+MISSING = 0.25
+"""Share of the mass that may be missing: a smaller pack and no camera. Some pack, a quarter of most, is on board."""
 BESIDE_S = 8.0
 """Flight before and after a load is picked up: right after the start the ground lifts, and the pack is not settled."""
 
@@ -50,7 +52,12 @@ EFFECT = Effect(
     # Loads are added more often than taken off.
     coefficients=(
         Coefficient(
-            "mass", "kg", -1e3, 1e3, lambda ctx: 0.15 * ctx.vehicle.mass_kg, lambda ctx: 0.1 * ctx.vehicle.mass_kg
+            "mass",
+            "kg",
+            low=lambda ctx: -MISSING * ctx.vehicle.mass_kg,
+            high=lambda ctx: ctx.most_load_kg,
+            typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg,
+            centre=lambda ctx: 0.1 * ctx.vehicle.mass_kg,
         ),
     ),
     wrenches=_wrenches,

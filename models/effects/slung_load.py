@@ -6,7 +6,7 @@ Source: Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Ef
 from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
+DIED_DOWN = 2.0
+"""Time constants of the swing that a flight has to last."""
+ROPES_M = (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -35,7 +38,18 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _likely(ctx: Context) -> float:
-    return 0.15 * ctx.vehicle.mass_kg
+    return 0.1 * ctx.vehicle.mass_kg
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    # How the load swung when the flight began is not known: that has to die down, exp(-DAMPING w0 t), to be no matter.
+    first, last = ctx.judged_s or (ctx.state.time_s[0], ctx.state.time_s[-1])
+    longest = GRAVITY * (DAMPING * (last - first) / DIED_DOWN) ** 2
+    return tuple((rope,) for rope in ROPES_M if rope <= longest)
+
+
+def _lacking(ctx: Context) -> str | None:
+    return None if _grid(ctx) else "the flight is too short for a swing to show"
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -51,12 +65,14 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
     coefficients=(
-        Coefficient("swinging", "kg", 0.0, 1e3, typical=_likely),
-        Coefficient("mass", "kg", 0.0, 1e3, typical=_likely),
+        Coefficient("swinging", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely),
+        Coefficient("mass", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely),
         Coefficient("hook", "kg m", -1e3, 1e3, typical=lambda ctx: 0.3 * ctx.lever),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("rope_m", "m", tried=(0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)),),
+    shapes=(Shape("rope_m", "m", tried=ROPES_M),),
+    grid=_grid,
+    lacking=_lacking,
     aliases=("payload",),
     in_flight=NOT_FLOWN,
     main=("swinging",),

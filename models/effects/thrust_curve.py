@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, Shown, where_thrust_is_flown
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -48,9 +48,8 @@ EFFECT = Effect(
         Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),
-    chance=lambda ctx: ctx.by_kind(0.02, 0.3),
+    chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.02, 0.3)),
     wrenches=_wrenches,
-    lacking=where_thrust_is_flown,
     aliases=("thrust_scale", "battery_sag"),
     shown=Shown(over_thrust, _words),
 )

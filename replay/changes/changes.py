@@ -197,7 +197,7 @@ def _shared(effect: Effect) -> Effect:
 def _changed(effect: Effect, known: bool, today: Context) -> Effect:
     """An effect as a change of it on one flight: about zero where the vehicle had it before, and in both directions."""
     coefficients = tuple(
-        replace(c, low=-c.high, centre=0.0, belongs_to=None) if known else replace(c, belongs_to=None)
+        replace(c, low=-c.most(today), centre=0.0, belongs_to=None) if known else replace(c, belongs_to=None)
         for c in effect.coefficients
     )
 

@@ -16,7 +16,7 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, LogFault, SourceChoice
-from replay.residual.delays import Delay, range_delay_of, rotor_delay
+from replay.residual.delays import Delay, commanded, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
@@ -28,9 +28,6 @@ from replay.residual.reassigned import motors_reassigned
 from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Excluded, airborne, judged_time
-
-COMMANDED = 0.6
-"""Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,8 @@ def build_record(
             vehicle,
             model,
             clock_moved_s=max(rotors.correction_s, 0.0),
-            only_answers=rotors.correlation < COMMANDED,
+            commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
+            accelerometer=not derived,
             judged_s=(float(flown[0]), float(flown[-1])) if len(flown) else None,
         ),
         residual=residual,

@@ -31,7 +31,9 @@ REACTIONS = {
 The pack's current does; its voltage also falls with the charge, which makes it a cause.
 """
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
-"""Channels that nothing but disturbances move in a flight that only hovers."""
+"""Channels that nothing but disturbances move in a flight that only hovers: a curve is as likely as commands are."""
+ATTITUDE = ("roll_rad", "pitch_rad")
+"""Channels that go with the speed in steady flight: what drag explains is none of theirs."""
 ODDS, REACTION_ODDS = 2e-4, 1e-5
 """Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
 of one over a channel that responds to disturbances."""
@@ -84,8 +86,8 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
     if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):  # vanes do not change lift
         return REACTION_ODDS if axis.startswith("F") else None
-    if name.startswith(DRIFTS) and all(r.context.only_answers for r in records):
-        return None
+    if name.startswith(DRIFTS):
+        return ODDS * max(r.context.if_commanded(1.0) for r in records)
     return ODDS
 
 

@@ -32,8 +32,9 @@ TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
 """Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
-LOUDEST = 5.0
-"""Prior standard deviation of the noise's standard deviation, in hundredths of the weight: no air is as unsteady."""
+LOUDEST, GUST_S = 5.0, 1.0
+"""Prior standard deviation of the noise's, in hundredths of the weight: no air is as unsteady; and how long gusts last
+[s]: height over speed (Dryden spectrum, MIL-F-8785C), 5 m over 5 m/s."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
 ROUNDS = 2
@@ -109,6 +110,12 @@ class Evidence:
             -1, len(self.spectra)
         )
         self._counts = np.array([c.count for c in channels])
+        share = np.array([s.slow_share for s in self.spectra])
+        slower = np.maximum(np.array([s.slow_s for s in self.spectra]) / GUST_S, 1.0)
+        # The mean of gusts over a longer time is smaller: of what lasts, and is louder, something steady is the cause.
+        unit = LOUDEST * np.array([c.limit for c in channels])[:, None]
+        self._unlikely = 0.5 * (share * slower + 1.0 - share) / unit**2
+        """Minus the log prior of the noise over its variance, (channels, spectra)."""
         smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
@@ -142,9 +149,9 @@ class Evidence:
         return fit
 
     def _loud(self, noise: Noise) -> float:
-        """Minus the log prior of the noise: half-normal in its standard deviation."""
-        units = (LOUDEST * c.limit for c in self.library.channels)
-        return 0.5 * sum((sigma / unit) ** 2 for sigma, unit in zip(noise.sigma, units, strict=True))
+        """Minus the log prior of the noise: half-normal in the standard deviation of its slow and its fast part."""
+        unlikely = self._unlikely[np.arange(len(noise.spectrum)), list(noise.spectrum)]
+        return float(unlikely @ np.square(noise.sigma))
 
     def _once(self, terms: Sequence[Term], noise: Noise) -> Fit:
         key = tuple(terms), noise
@@ -162,8 +169,8 @@ class Evidence:
             if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
                 break
             noise = fresh
-        evidence = self._laplace(design, b, cov, energies, form)
-        prior = sum(t.prior for t in terms) - self._loud(noise)
+        evidence, loud = self._laplace(design, b, cov, energies, form)
+        prior = sum(t.prior for t in terms) - loud
         return Fit(terms, b, cov, noise, evidence, beyond_bounds(terms, b, cov), worth(u), prior)
 
     def deserved(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
@@ -283,16 +290,23 @@ class Evidence:
         lowest = np.maximum(least[:, None], self._floor)
         return np.asarray(np.maximum(energies / self._counts[:, None], lowest))
 
-    def _laplace(self, design: Design, b: Array, cov: Array, energies: Array, form: Array) -> float:
-        """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
+    def _laplace(self, design: Design, b: Array, cov: Array, energies: Array, form: Array) -> tuple[float, float]:
+        """Log marginal likelihood by Laplace's approximation, and minus the log prior of the noise in it.
+
+        The noise is what is left, by the spectrum that is likeliest with its prior.
+        """
         variance = self._variance(energies, form)
-        cost = self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det
-        value = -0.5 * float(cost.min(axis=1).sum())
+        cost = 0.5 * (self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det)
+        loud = self._unlikely * variance
+        best = np.arange(len(cost)), np.argmin(np.round(TRUST * cost + loud, 6), axis=1)
+        value = -float(cost[best].sum())
         left = self.library.bias - self.library.x_bias[:, design.columns] @ b
         value -= 0.5 * float(left @ left)
         off = b - design.centre
         value -= 0.5 * float(off @ off)
-        return value + 0.5 * float(np.linalg.slogdet(cov)[1]) if len(b) else value
+        if len(b):
+            value += 0.5 * float(np.linalg.slogdet(cov)[1])
+        return value, float(loud[best].sum())
 
     def _posterior(self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""

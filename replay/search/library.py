@@ -12,7 +12,7 @@ from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.channel import Columns, ResidualChannel, hundredths
-from replay.search.curves import AMPLITUDE, Curve, curves
+from replay.search.curves import AMPLITUDE, ATTITUDE, Curve, curves
 from replay.search.noise_spectra import runs
 from replay.search.terms import (
     FORM_PRIOR,
@@ -89,7 +89,7 @@ class Library:
             for axis in t.effect.axes
         }  # fmt: skip
         for curve in curves(self.records):
-            self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
+            self._add_curve(curve, curve.name in ATTITUDE or (curve.name, AXES[curve.axis]) in known)
         self.trim = self._add_trim()
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
         self.bias, self.x_bias = np.empty(0), np.empty((0, 0))
@@ -185,7 +185,8 @@ class Library:
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
-                    low, high = c.least(self.records[f].context) / spread[i], c.high / spread[i]
+                    own = self.records[f].context
+                    low, high = c.least(own) / spread[i], c.most(own) / spread[i]
                     priors.append((self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c))))
                     self.size += 1
                 places[f][i] = self.size - 1

@@ -252,8 +252,9 @@ def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[IntervalEsti
     out = []
     for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
         low, typical = c.least(context), c.spread(context)
-        value, half = float(np.clip(m, low, c.high)), 1.96 * s
-        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * typical)
+        high = c.most(context)
+        value, half = float(np.clip(m, low, high)), 1.96 * s
+        at = min(value - low, high - value) < BOUND_SHARE * min(high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         interval = min(value, m - half), max(value, m + half)
         out.append(IntervalEstimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))

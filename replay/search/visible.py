@@ -75,7 +75,7 @@ def _least_of(walked: Walked, terms: Sequence[Term]) -> Visible | None:
     soonest = int(possible[np.argmin(sizes[possible])])
     least = float(sizes[soonest] * scale[soonest])
     low = coefficients[soonest].least(context)
-    if least > max(coefficients[soonest].high, -low):
+    if least > max(coefficients[soonest].most(context), -low):
         return None
     return Visible(
         what=term.name,

@@ -181,7 +181,10 @@ def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: n
     out: Array = share / size * centre
     return (
         out
-        if all(c.least(record.context) <= v <= c.high for c, v in zip(effect.coefficients, out, strict=True))
+        if all(
+            c.least(record.context) <= v <= c.most(record.context)
+            for c, v in zip(effect.coefficients, out, strict=True)
+        )
         else None
     )
 
@@ -198,7 +201,7 @@ def _centre(effect: Effect, coefficient: Coefficient, record: Record, rng: np.ra
     """A coefficient before scaling: what makes the effect what it is, by a sign it may have; no side terms."""
     if effect.main and coefficient.name not in effect.main:
         return 0.0
-    low, high = coefficient.least(record.context), coefficient.high
+    low, high = coefficient.least(record.context), coefficient.most(record.context)
     if low > 0.0:
         return low
     wide = high if high > -low else low

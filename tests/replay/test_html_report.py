@@ -175,7 +175,7 @@ def test_the_picture_shows_the_points_and_the_fitted_curve(weak: Diagnosis) -> N
 
 @pytest.mark.parametrize("effect", catalogue(), ids=lambda e: e.name)
 def test_every_effect_of_the_catalogue_has_words_and_a_picture(effect: Effect, rich: Context) -> None:
-    middle = {c.name: 0.5 * (max(c.least(rich), -0.2) + min(c.high, 0.4)) for c in effect.coefficients}
+    middle = {c.name: 0.5 * (max(c.least(rich), -0.2) + min(c.most(rich), 0.4)) for c in effect.coefficients}
     shapes = {s.name: 1.0 for s in effect.shapes}
     assert effect.shown.in_words is not None, "a sentence for the pilot: field shown"
     words = effect.shown.in_words(rich, middle | shapes)

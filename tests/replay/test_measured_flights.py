@@ -11,7 +11,7 @@ import measured_flights
 import pytest
 import reliability
 from measured import answers
-from measured.judge import judge, judge_refusal
+from measured.judge import OLD_NAMES, judge, judge_refusal
 from measured.known import CATALOGUE, TABLE, Flight, Range, read, together
 
 from models.effects import catalogue
@@ -127,6 +127,29 @@ def test_a_size_outside_its_limits_makes_the_name_wrong_and_outside_its_toleranc
     too_large = verdict_on(flight, sized("fan_imbalance", fan=3.0, scale=-0.4))
     assert too_large.right
     assert [s.right for s in too_large.sizes] == [False]
+
+
+@pytest.mark.parametrize("asked", ["sizes", "limits"])
+def test_a_size_that_the_answer_does_not_have_is_no_silent_pass(asked):
+    flight = replace(FLIGHT, may=frozenset({"slung_load"}), **{asked: (Range("slung_load", "weight", 0.1, 0.2),)})
+    with pytest.raises(ValueError, match=r"asks for slung_load\.weight"):
+        verdict_on(flight, sized("slung_load", mass_kg=0.15))
+
+
+def test_a_size_is_judged_by_its_name_in_the_contract_and_by_the_older_one():
+    sizes = (Range("slung_load", "mass_kg", 0.1, 0.2), Range("slung_load", "length_m", 0.4, 0.6))
+    flight = replace(FLIGHT, may=frozenset({"slung_load"}), sizes=sizes)
+    for said in (sized("slung_load", mass_kg=0.15, length_m=0.7), sized("slung_load", mass=0.15, rope_m=0.7)):
+        assert [s.right for s in verdict_on(flight, said).sizes] == [True, False]
+
+
+def test_what_the_tables_ask_is_what_the_catalogue_says():
+    """An older name of a parameter, or a slip of the pen, would leave its size unjudged."""
+    have = {e.name: {p.name for p in (*e.coefficients, *e.shapes)} for e in catalogue()}
+    for table in sorted(TABLE.parent.glob("*.toml")):
+        for f in read(table).flights:
+            for r in (*f.sizes, *f.limits):
+                assert {r.parameter, OLD_NAMES.get(r.parameter)} & have[r.effect], f"{f.name}: {r}"
 
 
 def test_explained_with_too_much_left_is_an_overclaim():

@@ -74,7 +74,7 @@ CHANGES = {
     "lighter": Change(
         _lighter, (frozenset(LEVEL),), LEVEL,
         lambda v: (
-            Range("payload", "mass", 0.04 * v["mass_kg"], 0.16 * v["mass_kg"]),
+            Range("payload", "mass_kg", 0.04 * v["mass_kg"], 0.16 * v["mass_kg"]),
             Range("thrust_scale", "scale", -0.16, -0.04),
         ),
         speeds=True,

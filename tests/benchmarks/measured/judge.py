@@ -20,6 +20,8 @@ CLOSED = frozenset({"nothing_missing", "explained"})
 """Verdicts that say that nothing unnamed is left."""
 BEST_FACTOR = 1.2
 TOP_CHANNELS = 3
+OLD_NAMES = {"mass_kg": "mass", "length_m": "rope_m"}
+"""What answers called a parameter before the fourth edition of the contract."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def _statement(flight: Flight, known: Known, answer: Answer, effect: Mapping[str
     name = str(effect["name"])
     right, why = _is_right(flight, known, answer, name)
     for limit in flight.limits:
-        value = _value(effect, limit.parameter) if limit.effect == name else None
+        value = _value(flight, effect, limit.parameter) if limit.effect == name else None
         if value is not None and not limit.holds(value):
             right, why = False, f"{limit.parameter} {value:.3g} is not within {limit.low:g} to {limit.high:g}"
     return statement(effect, right, why)
@@ -197,13 +199,33 @@ def _sizes(flight: Flight, effects: Sequence[Mapping[str, Any]]) -> tuple[Size, 
     out = []
     for effect in effects:
         for r in flight.sizes:
-            value = _value(effect, r.parameter) if r.effect == effect["name"] else None
-            if value is not None:
-                ci = effect["parameters"][r.parameter].get("ci95")
-                interval = (float(ci[0]), float(ci[1])) if ci else None
-                out.append(Size(r.effect, r.parameter, value, interval, r.low, r.high, r.holds(value)))
+            if r.effect != effect["name"]:
+                continue
+            entry = _entry(flight, effect, r.parameter)
+            value = number(entry.get("value"))
+            if value is None:
+                continue
+            ci = entry.get("ci95")
+            interval = (float(ci[0]), float(ci[1])) if ci else None
+            out.append(Size(r.effect, r.parameter, value, interval, r.low, r.high, r.holds(value)))
     return tuple(out)
 
 
-def _value(effect: Mapping[str, Any], parameter: str) -> float | None:
-    return number(effect.get("parameters", {}).get(parameter, {}).get("value"))
+def _value(flight: Flight, effect: Mapping[str, Any], parameter: str) -> float | None:
+    return number(_entry(flight, effect, parameter).get("value"))
+
+
+def _entry(flight: Flight, effect: Mapping[str, Any], parameter: str) -> Mapping[str, Any]:
+    """A parameter of an answer's effect, by today's name or an older one.
+
+    ValueError where it has none of these: a size that the table asks for must not go unjudged in silence. An answer
+    without any parameters gives names alone, and has no sizes to judge.
+    """
+    parameters: Mapping[str, Mapping[str, Any]] = effect.get("parameters", {})
+    for name in (parameter, OLD_NAMES.get(parameter)):
+        if name in parameters:
+            return parameters[name]
+    if not parameters:
+        return {}
+    asked = f"{effect['name']}.{parameter}"
+    raise ValueError(f"{flight.source}: {flight.name}: the table asks for {asked}; the answer has {sorted(parameters)}")
