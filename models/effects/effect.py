@@ -318,16 +318,34 @@ class Drawn:
     direction: Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A number that is said in place of one parameter, in the words and units of people.
+
+    A model directory keeps the parameter: the force that it stands for is the same.
+    """
+
+    instead_of: str
+    name: str
+    unit: str
+    of: Callable[[Context, Mapping[str, Array]], Array] | None = None
+    """Of draws (m,) of every parameter, draws (m,) of the quantity; None: the parameter itself, by another name."""
+
+
 @dataclass(frozen=True)
 class Shown:
-    """How people see an effect: its picture, its size as a pilot says it, and a remark."""
+    """How people see an effect: its picture, its size as a pilot says it, its numbers, and a remark."""
 
     drawn: Callable[[Context, str], Drawn] | None = None
     """The picture that shows it on one axis; None: over time."""
     in_words: Callable[[Context, Mapping[str, float]], str] | None = None
-    """Its size on a record; None: by its parameters."""
-    remark: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
-    """On parameters that were found, each (value, low, high)."""
+    """Its size on a record, by its numbers as they are said; None: by these numbers."""
+    quantities: tuple[Quantity, ...] = ()
+    """Numbers that are said in place of parameters; all other parameters are said as they are."""
+    log_weight: Callable[[Context, Mapping[str, Array]], Array] | None = None
+    """Of draws (m,) of every parameter, log weights (m,): prior of the quantities over that of the parameters."""
+    remark: Callable[[Mapping[str, bool]], str | None] | None = None
+    """By which parameters the flights determine."""
 
 
 @dataclass(frozen=True)
@@ -453,6 +471,21 @@ class Effect:
         mixed = self.mixed(np.asarray(coefficients), shape)
         values = {c.name: float(v) for c, v in zip(self.coefficients, mixed, strict=True)}
         return values | {s.name: float(v) for s, v in zip(self.shapes, shape, strict=True)}
+
+    def said(self, ctx: Context, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Parameters as people say them: the quantities in place of those that they stand for."""
+        numbers = {name: np.array([value]) for name, value in parameters.items()}
+        quantities = {q.instead_of: q for q in self.shown.quantities}
+        out = {}
+        for name, value in parameters.items():
+            quantity = quantities.get(name)
+            if quantity is None:
+                out[name] = value
+            elif quantity.of is None:
+                out[quantity.name] = value
+            else:
+                out[quantity.name] = float(quantity.of(ctx, numbers)[0])
+        return out
 
     def mixed(self, independent: Array, shape: tuple[float, ...]) -> Array:
         """Coefficients (..., k) from independent ones (..., k)."""

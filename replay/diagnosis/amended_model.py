@@ -18,7 +18,7 @@ from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import reference_thrust
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
@@ -73,7 +73,8 @@ def to_adopt(
     by_name = {e.name: e for e in estimates}
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
         e = by_name[c.name]
-        mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+        low, high = e.ci95 or (e.value, e.value)
+        mean, sd = c.mean(context) if effect.kept else 0.0, (high - low) / (2.0 * 1.96)
         off = e.value - mean
         parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
     return AdoptedEffect(effect.name, parameters, tuple(without))

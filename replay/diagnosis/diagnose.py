@@ -57,7 +57,7 @@ def conclude(
     all_notes = [
         *notes,
         *_one_wind(searched.found, records),
-        *_wind_speeds(searched.found, records),
+        *_remarks(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
@@ -143,12 +143,12 @@ def _one_wind(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
     ]
 
 
-def _wind_speeds(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
-    """Speeds behind effects that give them in units of their own drag."""
+def _remarks(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
+    """What effects say of parameters that the flights do not determine."""
     out = []
     for f in found:
         remark = f.effect.shown.remark
-        note = None if remark is None else remark({e.name: (e.value, *e.ci95) for e in f.estimates})
+        note = None if remark is None else remark({e.name: e.determined for e in f.fitted})
         if note is not None:
             out.append(f"{records[f.flight].name}: {note}")
     return out

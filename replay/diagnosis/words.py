@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from models.effects import BelongsTo, Effect, InFlight
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
+from replay.search.results import Found
 
 AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
 """Fx Fy Fz Mx My Mz, body FRD."""
@@ -24,7 +26,15 @@ _CHANNELS = {
 _CAPITALS = {"imu": "IMU", "cg": "CG", "esc": "ESC"}
 _NUMBERED = {"rpm": "speed of ESC {} [rpm]", "servo": "servo output {} [µs]"}
 _OF_ONE_FLIGHT = {BelongsTo.WEATHER: "the weather", BelongsTo.LOAD: "the battery and the load"}
-_UNITS = {"N m": "N m", "m/s^2": "m/s²", "kg m^2": "kg m²", "degC": "°C", "1": ""}
+_UNITS = {
+    "weight": "of the weight",
+    "weight m": "of the weight times 1 m",
+    "N m": "N m",
+    "m/s^2": "m/s²",
+    "kg m^2": "kg m²",
+    "degC": "°C",
+    "1": "",
+}
 
 
 def channel_words(name: str) -> str:
@@ -53,11 +63,34 @@ def unit_words(unit: str) -> str:
     return _UNITS.get(unit, unit)
 
 
+def size_text(value: float) -> str:
+    """Three digits, without a power of ten: moments of a small vehicle are millionths of N m."""
+    if not math.isfinite(value) or value == 0.0:
+        return "0"
+    digits = 2 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(digits, 0)}f}"
+
+
 def estimate_text(e: IntervalEstimate) -> str:
-    """``mass = 0.42 [0.38, 0.46] kg``."""
-    interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
+    """``mass_kg = 0.42 [0.38, 0.46] kg``, or ``scale not determined [-0.2, 0.7]``."""
+    interval = "" if e.ci95 is None else f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]"
     unit = "" if e.unit == "1" else f" {e.unit}"
-    return f"{e.name} = {e.value:.3g}{interval}{unit}" + (" (at its bound)" if e.at_bound else "")
+    size = f"= {e.value:.3g}" if e.determined else "not determined"
+    bound = " (at its bound)" if e.at_bound else ""
+    return f"{e.name} {size}{interval}{unit}{bound}"
+
+
+def explains_text(share: float) -> str:
+    """``explains 12 %``; what rounds to nothing is said as that."""
+    if share < 0.005:
+        return "explains less than 1 %"
+    return f"explains {share:.0%}"
+
+
+def class_text(f: Found) -> str:
+    """A class that cannot be told apart, in one sentence."""
+    members = [f"{plain(name)} {p:.2g}" for name, p in f.members]
+    return f"{f.push}: {', or '.join(members)}; to know which: {f.decided_by}"
 
 
 def kept_words(effect: Effect) -> str:

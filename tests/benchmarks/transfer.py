@@ -44,7 +44,7 @@ from replay.diagnosis.diagnose import conclude, read_records
 from replay.predict.day import learning_time
 from replay.predict.predict import LEAST_S, predicted
 from replay.residual.record import Record
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
 
 OURS, MEAN = "ours", "mean"
 FROZEN, TWENTY = "frozen", "twenty_seconds"

@@ -13,7 +13,7 @@ from models.errors import ModelError
 from models.surrogate.store import load, save_model
 from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
 
 WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}

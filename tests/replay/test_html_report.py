@@ -26,7 +26,8 @@ from replay.diagnosis.pictures import (
 from replay.diagnosis.words import channel_words, estimate_text
 from replay.residual.faults import LogFault
 from replay.residual.record import Record
-from replay.search.results import Found, IntervalEstimate
+from replay.search.estimates import IntervalEstimate
+from replay.search.results import Found
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "payload", "ceiling", "thermal_derating")]
 
