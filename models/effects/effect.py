@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from itertools import product
@@ -424,6 +424,9 @@ class Effect:
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
     # What is made of it.
+    stays: Callable[[Mapping[str, float]], AdoptedEffect] | None = None
+    """Of an effect of one flight, what of it the next one has, by its parameters; None: itself, its coefficients of
+    one flight at zero."""
     in_flight: FlightUse = _FLOWN
     shown: Shown = _SHOWN
 
@@ -456,6 +459,12 @@ class Effect:
         """
         gone = {c.name for c in self.coefficients if self.of_day(c)} | {"from_s"}
         return {name: 0.0 if name in gone else value for name, value in parameters.items()}
+
+    def next_flight(self, adopted: AdoptedEffect) -> AdoptedEffect:
+        """What an amended model takes of it to the next flight."""
+        if self.stays is None:
+            return replace(adopted, parameters=self.of_next_flight(adopted.parameters))
+        return replace(self.stays(adopted.parameters), without=adopted.without)
 
     def is_main(self, coefficient: Coefficient) -> bool:
         """Whether the effect is not there without it."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Quantity, Shape, Shown
+from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Drawn, Effect, Quantity, Shape, Shown
 from models.effects.pictures import compass, force_words, mean, over
 from models.frames import Array
 
@@ -25,12 +25,26 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     return north, east, *ctx.own_drag(above)
 
 
-def _north(_: Context, p: Mapping[str, Array]) -> Array:
-    return p["north"] / np.maximum(p["own_motion"], LEAST_DRAG)
+def _drag(ctx: Context, p: Mapping[str, Array]) -> Array:
+    """Of the vehicle over momentum theory's: what was found, and what its model has already."""
+    declared = 0.0
+    for one in getattr(ctx.model, "effects", ()):
+        declared += one.parameters.get({"wind": "own_motion", "rotor_drag": "drag"}.get(one.name, ""), 0.0)
+    return np.asarray(np.maximum(p["own_motion"] + declared, LEAST_DRAG))
 
 
-def _east(_: Context, p: Mapping[str, Array]) -> Array:
-    return p["east"] / np.maximum(p["own_motion"], LEAST_DRAG)
+def _north(ctx: Context, p: Mapping[str, Array]) -> Array:
+    return np.asarray(p["north"] / _drag(ctx, p))
+
+
+def _east(ctx: Context, p: Mapping[str, Array]) -> Array:
+    return np.asarray(p["east"] / _drag(ctx, p))
+
+
+def _drag_alone(p: Mapping[str, float]) -> AdoptedEffect:
+    """The drag on the own motion, which the next flight has in whatever wind."""
+    of_vehicle = {"drag": p["own_motion"], "turning": p["turning"], "sinking": p.get("sinking", 0.0)}
+    return AdoptedEffect("rotor_drag", of_vehicle | {"above_radii": p["above_radii"]})
 
 
 def _log_weight(ctx: Context, p: Mapping[str, Array]) -> Array:
@@ -41,8 +55,7 @@ def _log_weight(ctx: Context, p: Mapping[str, Array]) -> Array:
     spread = EFFECT.coefficients[0].spread(ctx)
     force = p["north"] ** 2 + p["east"] ** 2
     air = _north(ctx, p) ** 2 + _east(ctx, p) ** 2
-    drag = np.maximum(p["own_motion"], LEAST_DRAG)
-    return np.asarray((force - air) / (2.0 * spread**2) - 2.0 * np.log(drag))
+    return np.asarray((force - air) / (2.0 * spread**2) - 2.0 * np.log(_drag(ctx, p)))
 
 
 def _remark(determined: Mapping[str, bool]) -> str | None:
@@ -63,7 +76,8 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     north, east = p["north"], p["east"]
     speed = float(np.hypot(north, east))
-    force = mean(ctx.mass_flow.sum(axis=-1)) * speed * p["own_motion"]
+    drag = float(_drag(ctx, {"own_motion": np.array(p["own_motion"])}))
+    force = mean(ctx.mass_flow.sum(axis=-1)) * speed * drag
     return f"wind of {speed:.2g} m/s from the {compass(-north, -east)} (it pushes with {force_words(ctx, force)})"
 
 
@@ -88,6 +102,7 @@ EFFECT = Effect(
     main=("north", "east"),
     chance=0.05,
     contains=("rotor_drag",),
+    stays=_drag_alone,
     shown=Shown(
         _drawn,
         _words,

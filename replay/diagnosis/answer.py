@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect, BelongsTo, InFlight
+from models.effects import AdoptedEffect, InFlight
 from models.frames import AXES, Array
 from models.vehicle import Vehicle
-from replay.diagnosis.amended_model import to_adopt
+from replay.diagnosis.amended_model import of_one_wind, to_adopt
 from replay.diagnosis.weights import in_shares, least_in_shares, scale
 from replay.diagnosis.words import class_text, estimate_text, explains_text, kept_words, size_text, unit_words
 from replay.flightlog import LogFault
@@ -78,17 +78,27 @@ class Diagnosis(Searched):
             return np.asarray(np.sqrt(energy / count))
 
     @property
+    def of_one_wind(self) -> float:
+        """Share of a drag that was found which may be of the one wind of these flights."""
+        wind = next((f for f in self.found if f.effect.name == "wind"), None)
+        if wind is None or len(self.records) > 1:
+            return 0.0
+        record = self.records[0]
+        own = np.hypot(*record.context.velocity[record.valid, :2].T)
+        speed = float(np.sqrt(np.nanmean(own**2)))
+        return of_one_wind(float(np.hypot(wind.numbers["north"], wind.numbers["east"])), speed)
+
+    @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
         """The named effects with the sizes that another flight may be predicted by.
 
         A map of surfaces and the laws that it corrects stay as found: only their sum is known well.
         """
-        one_wind = len(self.records) == 1 and any(f.effect.belongs_to is BelongsTo.WEATHER for f in self.found)
         joint = corrected_together(f.effect for f in self.found)
         return tuple(
             self._as_found(f)
             if f.effect.name in joint
-            else to_adopt(f.effect, f.fitted, self.records[f.flight].context, f.without, one_wind=one_wind)
+            else to_adopt(f.effect, f.fitted, self.records[f.flight].context, f.without, doubt=self.of_one_wind)
             for f in self.found
         )
 

@@ -99,6 +99,8 @@ def kept_words(effect: Effect) -> str:
     left = [plain(c.name) for c in effect.coefficients if not effect.of_day(c)]
     source = _OF_ONE_FLIGHT.get(effect.belongs_to, "one flight")
     if not effect.kept:
+        if effect.stays is not None:
+            left = [f"what of it is the vehicle's, as {listed([plain(name) for name in effect.contains])}"]
         rest = f"; the amended model keeps {listed(left)}" if left else ""
         return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:

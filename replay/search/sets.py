@@ -132,8 +132,8 @@ def class_of(walked: Walked, effect: Effect, instead: Sequence[str]) -> tuple[tu
     """An effect of the best set and those that may act in its place, with their probabilities, the largest first.
 
     P(a) is the sum of exp(score) over the weighed sets without the effect that hold a, divided by that over all; sets
-    that hold several count for each in equal parts, but not for what the effect has among its own terms. Members of less than ``NO_MEMBER`` are left out; empty where none
-    is left beside the effect.
+    that hold several count for each in equal parts, but not for what the effect has among its own terms. Members of
+    less than ``NO_MEMBER`` are left out; empty where none is left beside the effect.
     """
     name = effect.name
     chances = dict.fromkeys((name, *instead), 0.0)
