@@ -19,6 +19,7 @@ from replay.diagnosis.words import (
     explains_text,
     kept_words,
     listed,
+    parameter_words,
     plain,
     size_text,
     unit_words,
@@ -61,6 +62,7 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
         get=get,
         kept_words=kept_words,
         listed=listed,
+        parameter_words=parameter_words,
         plain=plain,
         unit_words=unit_words,
     )

@@ -53,6 +53,11 @@ def plain(name: str) -> str:
     return " ".join(_CAPITALS.get(word, word) for word in name.split("_"))
 
 
+def parameter_words(name: str) -> str:
+    """The name of a parameter with spaces, less its unit, which stands beside its size."""
+    return plain(re.sub(r"_(kg|m|s|v)$", "", name))
+
+
 def listed(names: list[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
@@ -74,7 +79,7 @@ def size_text(value: float) -> str:
 def estimate_text(e: IntervalEstimate) -> str:
     """``mass_kg = 0.42 [0.38, 0.46] kg``, or ``scale not determined [-0.2, 0.7]``."""
     interval = "" if e.ci95 is None else f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]"
-    unit = "" if e.unit == "1" else f" {e.unit}"
+    unit = f" {unit_words(e.unit)}".rstrip()
     size = f"= {e.value:.3g}" if e.determined else "not determined"
     bound = " (at its bound)" if e.at_bound else ""
     return f"{e.name} {size}{interval}{unit}{bound}"

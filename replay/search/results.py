@@ -316,7 +316,7 @@ def _push(fit: FlightFit, key: Key) -> str:
     # Where the mean holds more than half of the energy it hardly changes.
     if 2.0 * mean**2 > energy[axis]:
         return f"a steady {_WAYS[axis][mean < 0.0]}"
-    return f"a changing {_WAYS[axis][0]}"
+    return f"a changing {_WAYS[axis][0]} or {_WAYS[axis][1].split()[-1]}"
 
 
 def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
