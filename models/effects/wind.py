@@ -85,7 +85,7 @@ EFFECT = Effect(
     name="wind",
     belongs_to=BelongsTo.WEATHER,
     equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
-    sign="north, east > 0: the air moves to the north, east",
+    sign="north, east > 0: the air moves to the north, east, with the speed w / k",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
