@@ -198,7 +198,10 @@ class Diagnosis(Searched):
         axes = [name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)]
         unjudged = [name for name in AXES if name not in axes]
         lines = [f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"]
-        seen = [f"{v.what} ({v.coefficient} {v.least:.2g} {v.unit})" for v in self.could_have_seen]
+        seen = [
+            f"{v.what} ({v.coefficient} {v.least:.2g} {unit_words(v.unit)})".replace(" )", ")")
+            for v in self.could_have_seen
+        ]
         if seen:
             lines.append(f"  would have been named from this size on: {', '.join(seen)}")
         return lines

@@ -78,11 +78,20 @@ def size_text(value: float) -> str:
 
 def estimate_text(e: IntervalEstimate) -> str:
     """``mass_kg = 0.42 [0.38, 0.46] kg``, or ``scale not determined [-0.2, 0.7]``."""
-    interval = "" if e.ci95 is None else f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]"
+    digits = _digits(e)
+    interval = "" if e.ci95 is None else f" [{e.ci95[0]:.{digits}g}, {e.ci95[1]:.{digits}g}]"
     unit = f" {unit_words(e.unit)}".rstrip()
-    size = f"= {e.value:.3g}" if e.determined else "not determined"
+    size = f"= {e.value:.{digits}g}" if e.determined else "not determined"
     bound = " (at its bound)" if e.at_bound else ""
     return f"{e.name} {size}{interval}{unit}{bound}"
+
+
+def _digits(e: IntervalEstimate) -> int:
+    """Three, or as many as it takes to tell the ends of the interval apart."""
+    if e.ci95 is None or e.ci95[1] <= e.ci95[0]:
+        return 3
+    largest = max(abs(end) for end in e.ci95)
+    return max(3, math.ceil(math.log10(largest / (e.ci95[1] - e.ci95[0]))) + 1)
 
 
 def explains_text(share: float) -> str:

@@ -193,6 +193,7 @@ def test_what_is_not_determined_has_no_value_but_its_interval() -> None:
     unknown = IntervalEstimate("scale", 0.26, (-0.19, 0.72), "1", determined=False)
     assert unknown.as_json() == {"value": None, "ci95": (-0.19, 0.72), "unit": "1"}
     assert estimate_text(unknown) == "scale not determined [-0.19, 0.72]"
+    assert estimate_text(IntervalEstimate("from_s", 102.84, (102.5, 103.2), "s")) == "from_s = 102.8 [102.5, 103.2] s"
     assert estimate_text(IntervalEstimate("fan", 3.0, None, "1")) == "fan = 3"
     assert IntervalEstimate("fan", 3.0, None, "1").as_json() == {"value": 3.0, "unit": "1"}
 
