@@ -13,7 +13,15 @@ from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import of_one_wind, to_adopt
 from replay.diagnosis.weights import in_shares, least_in_shares, scale
-from replay.diagnosis.words import class_text, estimate_text, explains_text, kept_words, size_text, unit_words
+from replay.diagnosis.words import (
+    class_text,
+    estimate_text,
+    explains_text,
+    kept_words,
+    least_text,
+    size_text,
+    unit_words,
+)
 from replay.flightlog import LogFault
 from replay.numbers import rounded
 from replay.residual.record import Record
@@ -198,10 +206,7 @@ class Diagnosis(Searched):
         axes = [name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)]
         unjudged = [name for name in AXES if name not in axes]
         lines = [f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"]
-        seen = [
-            f"{v.what} ({v.coefficient} {v.least:.2g} {unit_words(v.unit)})".replace(" )", ")")
-            for v in self.could_have_seen
-        ]
+        seen = [f"{v.what} ({least_text(v)})" for v in self.could_have_seen]
         if seen:
             lines.append(f"  would have been named from this size on: {', '.join(seen)}")
         return lines

@@ -8,6 +8,7 @@ import re
 from models.effects import BelongsTo, Effect, InFlight
 from replay.search.estimates import IntervalEstimate
 from replay.search.results import Found
+from replay.search.visible import Visible
 
 AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
 """Fx Fy Fz Mx My Mz, body FRD."""
@@ -92,6 +93,11 @@ def _digits(e: IntervalEstimate) -> int:
         return 3
     largest = max(abs(end) for end in e.ci95)
     return max(3, math.ceil(math.log10(largest / (e.ci95[1] - e.ci95[0]))) + 1)
+
+
+def least_text(v: Visible) -> str:
+    """``mass_kg 0.15 kg``: the smallest size that would have been named."""
+    return f"{v.coefficient} {v.least:.2g} {unit_words(v.unit)}".rstrip()
 
 
 def explains_text(share: float) -> str:
