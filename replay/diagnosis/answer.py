@@ -113,7 +113,9 @@ class Diagnosis(Searched):
     def _as_found(self, found: Found) -> AdoptedEffect:
         coverage = found.effect.in_flight.coverage
         seen = {} if coverage is None else coverage([r.context for r in self.records])
-        return AdoptedEffect(found.effect.name, found.parameters | dict(seen))
+        # A map is of the model's own answer, which has no axes of the body.
+        without = () if found.effect.remainder else found.without
+        return AdoptedEffect(found.effect.name, found.parameters | dict(seen), without)
 
     @property
     def aliases(self) -> list[list[str]]:

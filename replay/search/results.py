@@ -198,11 +198,25 @@ def _acting(
     terms = [t for t in walked.best.terms if t.effect is not None]
     joint = corrected_together(t.named for t in terms)
     fits, without = _by_axis(whole, [t.key for t in terms if t.name not in joint])
+    together = [t.key for t in terms if t.name in joint]
+    for axis in _worse_axes(fits):
+        # A map and its laws leave an axis as one, where it is none of theirs.
+        if not any(AXES[axis] in _carried(whole, key) for key in together):
+            fits = [_without(f, together, axis) for f in fits]
+            without |= {key: (*without.get(key, ()), AXES[axis]) for key in together}
     idle = [key for key, axes in without.items() if _carried(whole, key) <= set(axes)]
     if not idle:
         return walked, fits, without
     worst = min(idle, key=lambda key: (_share(whole, key), str(key)))
     return _acting(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
+
+
+def _without(fit: FlightFit, keys: Sequence[Key], axis: int) -> FlightFit:
+    """The same with effects that do not act on one axis."""
+    for key in keys:
+        if key in fit.effects:
+            fit = fit.without_axis(key, axis)
+    return fit
 
 
 def _carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
@@ -247,7 +261,7 @@ def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[Fligh
         if not harmful:
             return fits, without
         key, axis = min(harmful, key=lambda pair: (harmful[pair], str(pair)))
-        fits = [f.without_axis(key, axis) if key in f.effects else f for f in fits]
+        fits = [_without(f, [key], axis) for f in fits]
         without[key] = (*without.get(key, ()), AXES[axis])
 
 
