@@ -148,6 +148,11 @@ class Vehicle:
     assumed: tuple[Annotated[str, Options({key: key for key in ASSUMABLE})], ...] = ()
     """Keys whose numbers are typical of such vehicles, not of this one. Without ``position_m`` no moment is judged."""
 
+    @property
+    def mass_assumed(self) -> bool:
+        """Whether the mass is a typical one: forces are then known as shares of the weight only."""
+        return "mass_kg" in self.assumed
+
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
         if 2.0 * max(self.inertia_kgm2) > sum(self.inertia_kgm2) * (1.0 + 1e-9):

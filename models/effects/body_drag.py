@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, Shown
-from models.effects.pictures import over_speed
+from models.effects.pictures import force_words, over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
@@ -27,9 +27,9 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     pressure = 0.5 * RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans) * 3.0**2
-    return (
-        f"the drag of the body at 3 m/s is {p['front'] * pressure:.2g} N forward, {p['side'] * pressure:.2g} N sideways"
-    )
+    front = force_words(ctx, p["front"] * pressure)
+    side = force_words(ctx, p["side"] * pressure)
+    return f"the drag of the body at 3 m/s is {front} forward, {side} sideways"
 
 
 EFFECT = Effect(

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown
-from models.effects.pictures import over_surfaces
+from models.effects.pictures import force_words, over_surfaces
 from models.frames import Array
 
 
@@ -32,10 +32,11 @@ def _lacking(ctx: Context) -> str | None:
     return None if _grid(ctx) else "never within 10 cm of a wall"
 
 
-def _words(_: Context, p: Mapping[str, float]) -> str:
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    force = force_words(ctx, p["stiffness"] * 0.01)
     return (
         f"the vehicle touches the wall at {p['reach_m'] * 100.0:.0f} cm: each centimetre closer adds "
-        f"{p['stiffness'] * 0.01:.2g} N at each fan"
+        f"{force} at each fan"
     )
 
 

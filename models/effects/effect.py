@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from itertools import product
@@ -340,16 +340,34 @@ class Drawn:
     direction: Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A number that is said in place of one parameter, in the words and units of people.
+
+    A model directory keeps the parameter: the force that it stands for is the same.
+    """
+
+    instead_of: str
+    name: str
+    unit: str
+    of: Callable[[Context, Mapping[str, Array]], Array] | None = None
+    """Of draws (m,) of every parameter, draws (m,) of the quantity; None: the parameter itself, by another name."""
+
+
 @dataclass(frozen=True)
 class Shown:
-    """How people see an effect: its picture, its size as a pilot says it, and a remark."""
+    """How people see an effect: its picture, its size as a pilot says it, its numbers, and a remark."""
 
     drawn: Callable[[Context, str], Drawn] | None = None
     """The picture that shows it on one axis; None: over time."""
     in_words: Callable[[Context, Mapping[str, float]], str] | None = None
-    """Its size on a record; None: by its parameters."""
-    remark: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
-    """On parameters that were found, each (value, low, high)."""
+    """Its size on a record, by its numbers as they are said; None: by these numbers."""
+    quantities: tuple[Quantity, ...] = ()
+    """Numbers that are said in place of parameters; all other parameters are said as they are."""
+    log_weight: Callable[[Context, Mapping[str, Array]], Array] | None = None
+    """Of draws (m,) of every parameter, log weights (m,): prior of the quantities over that of the parameters."""
+    remark: Callable[[Mapping[str, bool]], str | None] | None = None
+    """By which parameters the flights determine."""
 
 
 @dataclass(frozen=True)
@@ -428,6 +446,9 @@ class Effect:
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
     # What is made of it.
+    stays: Callable[[Mapping[str, float]], AdoptedEffect] | None = None
+    """Of an effect of one flight, what of it the next one has, by its parameters; None: itself, its coefficients of
+    one flight at zero."""
     in_flight: FlightUse = _FLOWN
     shown: Shown = _SHOWN
 
@@ -461,6 +482,12 @@ class Effect:
         gone = {c.name for c in self.coefficients if self.of_day(c)} | {"from_s"}
         return {name: 0.0 if name in gone else value for name, value in parameters.items()}
 
+    def next_flight(self, adopted: AdoptedEffect) -> AdoptedEffect:
+        """What an amended model takes of it to the next flight."""
+        if self.stays is None:
+            return replace(adopted, parameters=self.of_next_flight(adopted.parameters))
+        return replace(self.stays(adopted.parameters), without=adopted.without)
+
     def is_main(self, coefficient: Coefficient) -> bool:
         """Whether the effect is not there without it."""
         return not self.main or coefficient.name in self.main
@@ -475,6 +502,21 @@ class Effect:
         mixed = self.mixed(np.asarray(coefficients), shape)
         values = {c.name: float(v) for c, v in zip(self.coefficients, mixed, strict=True)}
         return values | {s.name: float(v) for s, v in zip(self.shapes, shape, strict=True)}
+
+    def said(self, ctx: Context, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Parameters as people say them: the quantities in place of those that they stand for."""
+        numbers = {name: np.array([value]) for name, value in parameters.items()}
+        quantities = {q.instead_of: q for q in self.shown.quantities}
+        out = {}
+        for name, value in parameters.items():
+            quantity = quantities.get(name)
+            if quantity is None:
+                out[name] = value
+            elif quantity.of is None:
+                out[quantity.name] = value
+            else:
+                out[quantity.name] = float(quantity.of(ctx, numbers)[0])
+        return out
 
     def mixed(self, independent: Array, shape: tuple[float, ...]) -> Array:
         """Coefficients (..., k) from independent ones (..., k)."""

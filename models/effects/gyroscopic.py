@@ -38,7 +38,11 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     spin = mean(ctx.rotor_rpm) * RPM_TO_RAD_S * abs(p["inertia"])
-    return f"turned at 90 deg/s, one rotor gives a gyroscopic moment of {spin * np.radians(90.0):.2g} N m"
+    moment = spin * np.radians(90.0)
+    size = f"{moment:.2g} N m"
+    if ctx.vehicle.mass_assumed:
+        size = f"{moment / ctx.weight * 1000.0:.2g} mm times the weight"
+    return f"turned at 90 deg/s, one rotor gives a gyroscopic moment of {size}"
 
 
 EFFECT = Effect(

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Quantity, Shape, Shown
 from models.effects.pictures import percent
 from models.frames import Array
 
@@ -35,10 +35,14 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    size = f"the vehicle is {abs(p['mass']):.2f} kg {'heavier' if p['mass'] > 0.0 else 'lighter'} than in its file"
-    share = percent(p["mass"] / ctx.vehicle.mass_kg)
+    mass = p["mass_kg"]
+    way = "heavier" if mass > 0.0 else "lighter"
+    share = percent(mass / ctx.vehicle.mass_kg)
     start = f", from {p['from_s']:.0f} s on" if p["from_s"] > 0.0 else ""
-    return f"{size} ({share} of {ctx.vehicle.mass_kg:.2f} kg){start}"
+    if ctx.vehicle.mass_assumed:
+        return f"the vehicle is {share} {way} than its lift says{start}"
+    size = f"the vehicle is {abs(mass):.2g} kg {way} than in its file"
+    return f"{size} ({share} of {ctx.vehicle.mass_kg:.2g} kg){start}"
 
 
 EFFECT = Effect(
@@ -67,5 +71,8 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    shown=Shown(in_words=_words),
+    shown=Shown(
+        in_words=_words,
+        quantities=(Quantity(instead_of="mass", name="mass_kg", unit="kg"),),
+    ),
 )

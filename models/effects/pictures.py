@@ -95,6 +95,20 @@ def percent(share: float) -> str:
     return f"{abs(share) * 100.0:.2g} %" if abs(share) < 0.1 else f"{abs(share) * 100.0:.0f} %"
 
 
+def force_words(ctx: Context, newton: float) -> str:
+    """A force; without a known mass, as a share of the weight."""
+    if ctx.vehicle.mass_assumed:
+        return f"{percent(newton / ctx.weight)} of the weight"
+    return f"{newton:.2g} N"
+
+
+def mass_words(ctx: Context, kg: float) -> str:
+    """A mass; without a known mass of the vehicle, as a share of it."""
+    if ctx.vehicle.mass_assumed:
+        return f"{percent(kg / ctx.vehicle.mass_kg)} of the weight"
+    return f"{abs(kg):.2g} kg"
+
+
 def more(share: float, positive: str = "more", negative: str = "less") -> str:
     """A share in words: ``9 % more``."""
     return f"{percent(share)} {positive if share >= 0.0 else negative}"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
-from models.effects.pictures import mean, over_speed
+from models.effects.pictures import force_words, mean, over_speed
 from models.frames import Array
 
 # Discs have no sides: what differs is the body in their stream, by a fifth on quadrotors, by two thirds with wings.
@@ -22,7 +22,8 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    return f"the drag of the rotors at 1 m/s is {p['drag'] * mean(ctx.mass_flow.sum(axis=-1)):.2g} N"
+    force = p["drag"] * mean(ctx.mass_flow.sum(axis=-1))
+    return f"the drag of the rotors at 1 m/s is {force_words(ctx, force)}"
 
 
 EFFECT = Effect(

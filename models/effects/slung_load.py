@@ -10,7 +10,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
+from models.effects.effect import (
+    NOT_FLOWN,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    Quantity,
+    Shape,
+    Shown,
+    through,
+)  # fmt: skip
+from models.effects.pictures import mass_words
 from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
@@ -52,8 +63,9 @@ def _lacking(ctx: Context) -> str | None:
     return None if _grid(ctx) else "the flight is too short for a swing to show"
 
 
-def _words(_: Context, p: Mapping[str, float]) -> str:
-    return f"a load of {abs(p['swinging']):.2f} kg swings on a rope of {p['rope_m']:.2f} m"
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    load = mass_words(ctx, p["swinging"])
+    return f"a load of {load} swings on a rope of {p['length_m']:.2f} m"
 
 
 EFFECT = Effect(
@@ -77,5 +89,11 @@ EFFECT = Effect(
     in_flight=NOT_FLOWN,
     main=("swinging",),
     contains=("payload",),
-    shown=Shown(in_words=_words),
+    shown=Shown(
+        in_words=_words,
+        quantities=(
+            Quantity(instead_of="mass", name="mass_kg", unit="kg"),
+            Quantity(instead_of="rope_m", name="length_m", unit="m"),
+        ),
+    ),
 )

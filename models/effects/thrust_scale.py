@@ -19,7 +19,10 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    return f"the rotors give {more(p['scale'])} thrust than declared ({abs(p['scale']) * ctx.weight:.2g} N in hover)"
+    said = f"the rotors give {more(p['scale'])} thrust than declared"
+    if ctx.vehicle.mass_assumed:
+        return said
+    return f"{said} ({abs(p['scale']) * ctx.weight:.2g} N in hover)"
 
 
 EFFECT = Effect(

@@ -10,10 +10,11 @@ import numpy as np
 
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.changes.spread import LAWS, VarianceComponent, as_flown, usual
+from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
+from replay.search.estimates import DRAWS, IntervalEstimate, said
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Design, Library
-from replay.search.results import IntervalEstimate
 from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term
 from replay.search.walk import walk
@@ -146,7 +147,9 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tupl
 def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Change]:
     """Changes of a set with their sizes, and what could stand in place of each."""
     out = []
-    for t in (t for t in fit.terms if t.flight is not None):
+    for t in fit.terms:
+        if t.flight is None:
+            continue
         less = evidence.fit([o for o in fit.terms if o is not t], fit.noise)
         log_odds = _log_odds(evidence, fit, less, t)
         if log_odds < SURE:
@@ -154,9 +157,21 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
         rivals = [(g, f.terms[-1]) for g, f in _grown(evidence, less, candidates) if f.terms[-1].key != t.key]
         near = sorted(((g, r) for g, r in rivals if g > log_odds - NEAR and r.flight is not None), key=lambda p: -p[0])
         probability = min(1.0 / (1.0 + float(np.exp(-log_odds))), MOST_SURE)
-        change = Change(get(t.name), _estimates(fit, t), round(probability, 3), tuple(r.name for _, r in near))
+        sizes = _said(fit, t, evidence.library.records[t.flight].context)
+        change = Change(get(t.name), sizes, round(probability, 3), tuple(r.name for _, r in near))
         out.append((log_odds, change))
     return [change for _, change in sorted(out, key=lambda p: -p[0])]
+
+
+def _said(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...]:
+    """Sizes as people say them, by draws of every coefficient within its interval."""
+    fitted = _estimates(fit, term)
+    normal = np.random.default_rng(0).standard_normal((DRAWS, len(fitted)))
+    draws = {e.name: np.full(DRAWS, e.value) for e in fitted}
+    for i, e in enumerate(fitted):
+        if e.ci95 is not None:
+            draws[e.name] = e.value + normal[:, i] * (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+    return in_shares(said(term.named, context, fitted, draws), context.vehicle)
 
 
 def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
@@ -168,7 +183,7 @@ def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
         IntervalEstimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
         for c, m, s in zip(term.named.coefficients, mean, sd, strict=True)
     ]
-    out += [IntervalEstimate(s.name, v, (v, v), s.unit) for s, v in zip(term.named.shapes, term.shape, strict=True)]
+    out += [IntervalEstimate(s.name, v, None, s.unit) for s, v in zip(term.named.shapes, term.shape, strict=True)]
     return tuple(out)
 
 
@@ -178,7 +193,8 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
         return False
     main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    if all(e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
+    intervals = [e.ci95 for e in _estimates(fit, term) if e.name in main and e.ci95 is not None]
+    if all(low <= 0.0 <= high for low, high in intervals):
         return False
     u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
     return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())

@@ -56,12 +56,11 @@ def conclude(
         verdict = "not_judged"
     all_notes = [
         *notes,
-        *_one_wind(searched.found, records),
-        *_wind_speeds(searched.found, records),
+        *_remarks(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
-    return Diagnosis(
+    answer = Diagnosis(
         traces=searched.traces,
         found=searched.found,
         rejected=searched.rejected,
@@ -71,6 +70,7 @@ def conclude(
         notes=tuple(all_notes),
         faults=faults,
     )
+    return replace(answer, notes=(*answer.notes, *_one_wind(answer)))
 
 
 def read_records(
@@ -133,22 +133,23 @@ def _channels(traces: Sequence[FlightFit]) -> tuple[CarryingChannel, ...]:
     return tuple(best.values())
 
 
-def _one_wind(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
+def _one_wind(answer: Diagnosis) -> list[str]:
     """Only flights in different winds separate drag from wind."""
-    if len(records) > 1 or not any(f.effect.name == "wind" for f in found):
+    kept = f"{1.0 - answer.of_one_wind:.0%}"
+    if kept == "100%":
         return []
     return [
-        "one flight in one wind does not separate drag from wind: an amended model keeps half of the drag and of the "
-        "inflow; diagnose it together with a flight in another wind"
+        f"one flight in one wind does not separate drag from wind: an amended model keeps {kept} of the drag and of "
+        "the inflow; diagnose it together with a flight in another wind"
     ]
 
 
-def _wind_speeds(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
-    """Speeds behind effects that give them in units of their own drag."""
+def _remarks(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
+    """What effects say of parameters that the flights do not determine."""
     out = []
     for f in found:
         remark = f.effect.shown.remark
-        note = None if remark is None else remark({e.name: (e.value, *e.ci95) for e in f.estimates})
+        note = None if remark is None else remark({e.name: e.determined for e in f.fitted})
         if note is not None:
             out.append(f"{records[f.flight].name}: {note}")
     return out

@@ -53,7 +53,7 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
 
 def certainty(f: Found) -> str:
     """How sure a name is, in a sentence."""
-    chance = f"probability {f.probability:.2f}"
+    chance = f"{'small, ' if f.small else ''}probability {f.probability:.2f}"
     if f.at_bound:
         return f"Uncertain ({chance}): a parameter is at the limit of what was tried."
     if f.status == "confirmed":
@@ -111,6 +111,6 @@ def _look(answer: Diagnosis) -> str:
 
 def size_words(f: Found, answer: Diagnosis) -> str:
     """``fan 3 gives 15 % less thrust than declared``; name and numbers where the effect has no such words."""
-    if f.effect.shown.in_words is not None:
-        return f.effect.shown.in_words(answer.records[f.flight].context, f.parameters)
-    return f"{plain(f.effect.name)}: {', '.join(map(estimate_text, f.estimates))}"
+    if f.effect.shown.in_words is not None and f.sized:
+        return f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
+    return f"{plain(f.effect.name)}: {', '.join(map(estimate_text, answer.numbers_of(f)))}"

@@ -11,6 +11,7 @@ from models.effects.pictures import over_time
 from models.frames import AXES, Array
 from models.pages.svg import Line, figure, keys
 from replay.diagnosis.answer import UNITS
+from replay.diagnosis.weights import scale
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
@@ -50,11 +51,14 @@ def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
     middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
     fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
+    factor, unit = scale(UNITS[AXES.index(axis)], record.context.vehicle)
+    mean, error, curve = (factor * values for values in (mean, error, curve))
     lines = [
         Line(middle, mean, "before", "measured without it", points=True, error=error),
         Line(at, curve, "fit", fitted),
     ]
-    return figure(record.name, lines, drawn.label, drawn.force_label)
+    label = drawn.force_label.replace(f"[{UNITS[AXES.index(axis)]}]", f"[{unit}]")
+    return figure(record.name, lines, drawn.label, label)
 
 
 def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Array, Array]:
@@ -81,11 +85,12 @@ def against(t: FlightFit, carrier: CarryingChannel) -> str:
     if good.sum() < 5 * BINS or np.ptp(x[good]) < 1e-9:
         return ""
     lines = []
+    factor, unit = scale(UNITS[axis], t.record.context.vehicle)
     for residual, kind in ((t.before, "before"), (t.after, "after")):
-        middle, mean, error = binned(x[good], residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s)
+        middle, mean, error = binned(x[good], factor * residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s)
         lines.append(Line(middle, mean, kind, kind, points=True, error=error))
     title = f"{AXIS_WORDS[axis].capitalize()}: {t.record.name}"
-    return figure(title, lines, channel_words(carrier.name), f"error [{UNITS[axis]}]")
+    return figure(title, lines, channel_words(carrier.name), f"error [{unit}]")
 
 
 def series(t: FlightFit) -> str:
@@ -94,12 +99,13 @@ def series(t: FlightFit) -> str:
     out: list[str] = []
     lines: list[Line] = []
     for axis in record.axes:
+        factor, unit = scale(UNITS[axis], record.context.vehicle)
         lines = [
-            Line(*envelope(record.time_s, np.where(record.valid, y[:, axis], np.nan)), kind, kind)
+            Line(*envelope(record.time_s, np.where(record.valid, factor * y[:, axis], np.nan)), kind, kind)
             for kind, y in (("before", t.before), ("after", t.after))
         ]
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}"
-        out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", keyed=False))
+        out.append(figure(title, lines, "time since boot [s]", f"[{unit}]", keyed=False))
     return f'<p class="keys">{keys(lines)}</p><div class="plots">{"".join(out)}</div>'
 
 

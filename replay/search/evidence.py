@@ -321,5 +321,5 @@ class Evidence:
         x_bias = self.library.x_bias[:, design.columns]
         a += x_bias.T @ x_bias
         r += x_bias.T @ self.library.bias
-        cov = np.linalg.inv(a)
-        return cov @ r, cov
+        cov = np.asarray(np.linalg.inv(a))
+        return np.asarray(cov @ r), cov

@@ -117,13 +117,18 @@ def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
     return [replace(fit, confirms=_confirmed(evidence, best, fit, fits)) for fit in fits]
 
 
+def folds_of(library: Library, flight: int) -> list[Mask]:
+    """Of every fold, the samples (n,) of a flight's channels that it is not fitted on."""
+    _, fitted = _split(library.records[flight])
+    return [~rows[:: library.every[flight]] for rows in fitted]
+
+
 def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
     seen = np.isin(np.arange(6), (*record.axes, *record.blind))
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
-    fold_of, fitted = _split(record)
-    every = library.every[f]
-    folds = [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}) for rows in fitted]
+    fold_of, _ = _split(record)
+    folds = [evidence.refit(best.terms, best.noise, {f: left_out}) for left_out in folds_of(library, f)]
     effects: dict[Key, Acting] = {}
     rest = before
     for t in best.terms:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.effects import Effect
 from replay.search.evidence import Evidence, Fit
 from replay.search.terms import Key, Term
 
@@ -27,6 +28,8 @@ SURE = 0.995
 """No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
 NEGLIGIBLE = 12.0
 """Sets less likely by this much (log) than the best have no weight."""
+NO_MEMBER, MOST_MEMBERS = 0.05, 3
+"""An effect that is less probable than that in another's place is told from it; so many members are shown."""
 Fits = dict[frozenset[Key], Fit]
 """The best fit of every set, by the keys of its terms."""
 
@@ -123,6 +126,30 @@ def aliases(walked: Walked) -> dict[Key, list[str]]:
             for key in gone:
                 out[key] += [name for name in sorted({t.name for t in new}) if name not in (key[0], *out[key])]
     return out
+
+
+def class_of(walked: Walked, effect: Effect, instead: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """An effect of the best set and those that may act in its place, with their probabilities, the largest first.
+
+    P(a) is the sum of exp(score) over the weighed sets without the effect that hold a, divided by that over all; sets
+    that hold several count for each in equal parts, but not for what the effect has among its own terms. Members of
+    less than ``NO_MEMBER`` are left out; empty where none is left beside the effect.
+    """
+    name = effect.name
+    chances = dict.fromkeys((name, *instead), 0.0)
+    for fit, weight in walked.weighted():
+        names = {t.name for t in fit.terms if t.effect is not None}
+        acting = [name] if name in names else [other for other in instead if other in names]
+        acting = [one for one in acting if one not in effect.contains] or acting
+        for one in acting:
+            chances[one] += weight / len(acting)
+    likely = {one: p for one, p in chances.items() if one == name or p >= NO_MEMBER}
+    if len(likely) < 2:
+        return ()
+    ranked = sorted(likely, key=lambda one: (-likely[one], one))[:MOST_MEMBERS]
+    if name not in ranked:
+        ranked[-1] = name
+    return tuple((one, round(min(likely[one], SURE), 3)) for one in ranked)
 
 
 def canonical(fits: list[Fit]) -> Fit:

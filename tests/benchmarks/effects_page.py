@@ -142,6 +142,9 @@ def section(effect: Effect) -> str:
         f"- Axes: {', '.join(effect.axes)}. Needs: {', '.join(f'`{c}`' for c in effect.channels) or 'nothing more'}.",
         f"- To show it: {effect.excite}.",
     ]
+    if effect.shown.quantities:
+        said = ", ".join(f"`{q.name}` for `{q.instead_of}`" for q in effect.shown.quantities)
+        lines.append(f"- Said in an answer: {said}.")
     if effect.aliases:
         lines.append(f"- Easily confused with: {', '.join(f'[{a}](#{a})' for a in effect.aliases)}.")
     return "\n".join([*lines, f"- Source: {source}", ""])

@@ -16,7 +16,7 @@ import json
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import permutations
 from pathlib import Path
 
@@ -34,17 +34,16 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
-from models.effects import adopted_wrench, get
+from models.effects import AdoptedEffect, adopted_wrench
 from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import load_vehicle
-from replay.diagnosis.amended_model import amended, to_adopt
+from replay.diagnosis.amended_model import amended
 from replay.diagnosis.diagnose import conclude, read_records
 from replay.predict.day import learning_time
 from replay.predict.predict import LEAST_S, predicted
 from replay.residual.record import Record
-from replay.search.results import IntervalEstimate
 
 OURS, MEAN = "ours", "mean"
 FROZEN, TWENTY = "frozen", "twenty_seconds"
@@ -164,19 +163,10 @@ def flights(group: Group, cache: Path) -> list[Flight]:
             continue
         kept = cache / f"{log.parent.name}-{log.stem}.json"
         if not kept.is_file():
-            kept.write_text(json.dumps(conclude(records, notes).as_json(None), indent=1))
+            found = [asdict(e) for e in conclude(records, notes).adopted]
+            kept.write_text(json.dumps(found, indent=1))
             print(f"diagnosed {log.name}", file=sys.stderr)
-        named = json.loads(kept.read_text())["effects"]
-        effects = [
-            to_adopt(
-                get(e["name"]),
-                [IntervalEstimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
-                records[0].context,
-                e.get("without", ()),
-                one_wind=any(other["name"] == "wind" for other in named),
-            )
-            for e in named
-        ]
+        effects = [AdoptedEffect(e["name"], e["parameters"], tuple(e["without"])) for e in json.loads(kept.read_text())]
         out.append(Flight(records[0], amended(None, vehicle, effects)))
     return out
 

@@ -13,7 +13,7 @@ from models.errors import ModelError
 from models.surrogate.store import load, save_model
 from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
 
 WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "uneven": 0.1,
     "above_radii": 0.5,
@@ -38,7 +38,7 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
     model = saved(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
     effects = {e.name: e.parameters for e in model.effects}
     assert effects == {
-        "wind": WIND | {"north": 0.0, "east": 0.0},
+        "rotor_drag": {"drag": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5},
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
     of_day = model.info["of_day"]
@@ -64,7 +64,7 @@ def test_every_effect_says_what_is_kept_of_it() -> None:
     for e in catalogue():
         assert kept_words(e).startswith("kept" if e.kept else "not kept")
         assert e.kept == (not e.belongs_to.of_day)
-    assert "keeps own motion, turning, sinking and uneven" in kept_words(get("wind"))
+    assert "keeps what of it is the vehicle's, as rotor drag" in kept_words(get("wind"))
     assert "north and east" in kept_words(get("vertical_inflow"))
     assert get("imu_bias").belongs_to is BelongsTo.INSTRUMENT
 
@@ -80,15 +80,15 @@ def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_bef
     assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
 
 
-def test_drag_that_was_found_in_one_wind_is_adopted_by_half() -> None:
+def test_drag_that_was_found_in_a_strong_wind_is_adopted_by_half() -> None:
     vehicle = default_vehicle()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
     found = [IntervalEstimate(name, value, (value, value), "1") for name, value in WIND.items()]
-    one, two = (to_adopt(get("wind"), found, context, one_wind=alone).parameters for alone in (True, False))
+    one, two = (to_adopt(get("wind"), found, context, doubt=doubt).parameters for doubt in (0.5, 0.0))
     assert two["own_motion"] == pytest.approx(0.4)
     assert one["own_motion"] == pytest.approx(0.2)
     scale = [IntervalEstimate("scale", 0.1, (0.1, 0.1), "1")]
-    assert to_adopt(get("thrust_scale"), scale, context, one_wind=True).parameters["scale"] == pytest.approx(0.1)
+    assert to_adopt(get("thrust_scale"), scale, context, doubt=0.5).parameters["scale"] == pytest.approx(0.1)
 
 
 def test_axes_on_which_an_effect_does_not_act_are_kept(tmp_path: Path, log: Path) -> None:

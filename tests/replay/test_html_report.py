@@ -26,7 +26,8 @@ from replay.diagnosis.pictures import (
 from replay.diagnosis.words import channel_words, estimate_text
 from replay.residual.faults import LogFault
 from replay.residual.record import Record
-from replay.search.results import Found, IntervalEstimate
+from replay.search.estimates import IntervalEstimate
+from replay.search.results import Found
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "payload", "ceiling", "thermal_derating")]
 
@@ -149,10 +150,10 @@ def test_every_effect_has_its_size_in_words_its_numbers_and_how_sure_it_is(weak:
     (named,) = weak.found
     seen = plain(text(weak))
     effect = named.effect
-    words = effect.shown.in_words(weak.records[0].context, named.parameters)
+    words = effect.shown.in_words(weak.records[0].context, named.numbers)
     part = seen[seen.index(words[1:]) : seen.index("Error of the model")]
     for estimate in named.estimates:
-        if estimate.ci95[1] > estimate.ci95[0]:
+        if estimate.ci95 is not None:
             assert f"{estimate.value:.4g} {estimate.ci95[0]:.4g} to {estimate.ci95[1]:.4g}" in part
     assert f"probability {named.probability:.2f}" in part
     assert f"{named.explains:.0%}" in part
@@ -178,7 +179,7 @@ def test_every_effect_of_the_catalogue_has_words_and_a_picture(effect: Effect, r
     middle = {c.name: 0.5 * (max(c.least(rich), -0.2) + min(c.most(rich), 0.4)) for c in effect.coefficients}
     shapes = {s.name: 1.0 for s in effect.shapes}
     assert effect.shown.in_words is not None, "a sentence for the pilot: field shown"
-    words = effect.shown.in_words(rich, middle | shapes)
+    words = effect.shown.in_words(rich, effect.said(rich, middle | shapes))
     assert len(words.split()) > 4
     assert not re.search(r"nan|inf\b|_|[0-9]{6}", words), words
     for axis in effect.axes:

@@ -68,7 +68,8 @@ def test_the_wind_of_the_day_is_learnt_from_the_start_and_the_rest_is_judged(qui
     assert flight.seconds == pytest.approx(quiet.seconds - LEARNING_S, abs=0.5)
     assert flight.day is not None
     # A wind and an accelerometer's offset share what one heading shows.
-    assert flight.day.as_json()["wind"]["north"] == pytest.approx(2.0, abs=0.7)
+    # Of a vehicle with half of momentum theory's drag: the air moves twice as fast as that would say.
+    assert flight.day.as_json()["wind"]["north"] == pytest.approx(4.0, abs=1.4)
 
 
 def test_a_day_without_anything_is_found_to_be_nothing(quiet: Record) -> None:

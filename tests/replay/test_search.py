@@ -19,11 +19,12 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
+from replay.search.estimates import IntervalEstimate
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
 from replay.search.noise_spectra import runs, spectra, whitened_energies
 from replay.search.outside import outside
-from replay.search.results import Found, IntervalEstimate, Searched, summarise
+from replay.search.results import Found, Searched, summarise
 from replay.search.sets import canonical
 from replay.search.terms import Term
 from replay.search.walk import walk
