@@ -204,6 +204,8 @@ class Evidence:
         by_width: dict[int, list[int]] = {}
         for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
             by_width.setdefault(len(library.terms[i].columns), []).append(i)
+        if not by_width:
+            return np.empty(0)
         asked = np.unique(np.concatenate([library.terms[i].columns for n in by_width.values() for i in n]))
         set_columns = Design(library, fit.terms).columns
         x_bias = library.x_bias[:, asked]

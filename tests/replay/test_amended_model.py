@@ -38,7 +38,7 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
     model = saved(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
     effects = {e.name: e.parameters for e in model.effects}
     assert effects == {
-        "rotor_drag": {"drag": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5},
+        "rotor_drag": {"drag": 0.4, "turning": 0.0, "sinking": 0.1, "uneven": 0.1, "above_radii": 0.5},
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
     of_day = model.info["of_day"]
