@@ -13,7 +13,7 @@ import numpy as np
 
 from models.effects import Context
 from models.frames import GRAVITY, Array
-from replay.residual.grid import Mask, running_mean
+from replay.residual.grid import Mask, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
 
 DID_NOT_FLY = (
@@ -38,6 +38,9 @@ MOVES_SHARE, ANSWERED = 0.01, 0.5
 """A vehicle that feels so much of such a spread of lift flies, however level it is."""
 CRUISE_M_S = 1.0
 """Mean speed of what flies: an estimator that drifts on the bench is slower."""
+RISEN_M, SCALE_HEIGHT_M = 5.0, 8434.0
+"""Above the place where the rotors began to turn, by barometer and estimator: more than their wash on a barometer is,
+or its drift within a run. And the height in which pressure falls to 1/e, at 288 K."""
 MOSTLY, CARRIED_M_S = 0.5, 0.5
 """Share of windows in which lift is ignored, and mean speed, of a vehicle in a hand. In a flight whose outputs are
 wrong, lift is ignored, too, but it goes somewhere."""
@@ -55,6 +58,8 @@ class _Seen:
     tilt: Array
     """(m, 2)."""
     speed: Array
+    risen: Array
+    """Height [m] over the place where this run of the rotors began."""
     turning: Mask
     settled: Mask
 
@@ -67,11 +72,13 @@ class _Answer:
     asked: float
     felt: float
     speed: float
+    risen: float
 
     @property
     def flies(self) -> bool:
         """Whether the vehicle surely flies."""
-        return (self.asked > MOVES_SHARE and self.felt > ANSWERED) or self.speed > CRUISE_M_S
+        answers = self.asked > MOVES_SHARE and self.felt > ANSWERED
+        return answers or self.speed > CRUISE_M_S or self.risen > RISEN_M
 
     @property
     def ignores_lift(self) -> bool:
@@ -87,13 +94,13 @@ def held_down(ctx: Context, motion: Trajectory) -> tuple[Mask, Mask]:
     held = np.zeros(len(lift), bool)
     if not turning.any():
         return turning, held
-    seen = _seen(lift, turning, motion)
+    seen = _seen(lift, turning, motion, ctx.state.pressure_pa)
     for start, end in _held_times(seen):
         held |= (motion.grid.t >= start) & (motion.grid.t <= end)
     return turning, held & turning
 
 
-def _seen(lift: Array, turning: Mask, motion: Trajectory) -> _Seen:
+def _seen(lift: Array, turning: Mask, motion: Trajectory, pressure: Array) -> _Seen:
     rate = motion.grid.rate
     every = max(round(SAMPLE_S * rate), 1)
     usual = float(np.median(lift[turning]))
@@ -110,10 +117,30 @@ def _seen(lift: Array, turning: Mask, motion: Trajectory) -> _Seen:
         lift=_mean(lift / usual, rate)[::every],
         felt=_mean(-motion.force[:, 2] / GRAVITY, rate)[::every],
         tilt=tilt[::every],
-        speed=np.linalg.norm(motion.velocity, axis=1)[::every],
+        speed=_speed(motion)[::every],
+        risen=_risen(turning, motion.position[:, 2], pressure)[::every],
         turning=turning[::every],
         settled=settled[::every],
     )
+
+
+def _speed(motion: Trajectory) -> Array:
+    """Speed (n,) of the velocity and of the place, whichever is less: a velocity that leads nowhere is an error."""
+    moved = rate_of_change(motion.position, motion.grid.rate)
+    by_place = np.linalg.norm(moved, axis=1)
+    by_velocity = np.linalg.norm(motion.velocity, axis=1)
+    return np.asarray(np.fmin(by_velocity, by_place))
+
+
+def _risen(turning: Mask, down: Array, pressure: Array) -> Array:
+    """Height (n,) over the place where the rotors last began to turn, as barometer and estimator both say; else NaN."""
+    begins = turning.copy()
+    begins[1:] &= ~turning[:-1]
+    index = np.where(begins, np.arange(len(turning)), 0)
+    first = np.maximum.accumulate(index)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_pressure = SCALE_HEIGHT_M * np.log(pressure[first] / pressure)
+    return np.asarray(np.minimum(down[first] - down, by_pressure))
 
 
 def _held_times(seen: _Seen) -> list[tuple[float, float]]:
@@ -170,10 +197,14 @@ def _answer(seen: _Seen, rows: Array) -> _Answer:
     tilt = seen.tilt[rows]
     known = np.isfinite(tilt).all(axis=1)
     spread = float(np.hypot(*tilt[known].std(axis=0))) if known.any() else np.inf
-    speed = seen.speed[rows]
-    fast = float(np.nanmean(speed)) if np.isfinite(speed).any() else 0.0
     asked, felt = _felt_share(seen, rows[seen.settled[rows]])
-    return _Answer(spread, asked, felt, fast)
+    return _Answer(spread, asked, felt, _usual(seen.speed[rows]), _usual(seen.risen[rows]))
+
+
+def _usual(values: Array) -> float:
+    """Mean of what is known; 0 where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else 0.0
 
 
 def _felt_share(seen: _Seen, rows: Array) -> tuple[float, float]:

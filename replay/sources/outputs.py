@@ -42,8 +42,13 @@ def _with_port(log: FlightLog, port: int, motors: DeclaredMotors | None) -> Flig
 
 
 def _is_can(series: Series) -> bool:
-    """Whether outputs are too large for pulses, as those of CAN ESCs are (0 to 8191)."""
-    return float(np.nan_to_num(series.values).max(initial=0.0)) > _LONGEST_US
+    """Whether outputs are too large for pulses, as those of CAN ESCs are (0 to 8191).
+
+    Only those that move are asked: an output that is not connected may hold any number.
+    """
+    columns = [output - 1 for output in moving_outputs(series)]
+    used = np.nan_to_num(series.values[:, columns])
+    return float(used.max(initial=0.0)) > _LONGEST_US
 
 
 def _fallback(log: FlightLog, declared: Sequence[DeclaredMotors]) -> tuple[FlightLog, SourceChoice | None]:

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from hover_flight import HEXA_X, SECONDS, Flight, fly
+from hover_flight import HEXA_X, MASS_KG, SECONDS, Flight, fly
 from log_writers import EPOCH_US, BinWriter, UlgWriter, frame, heartbeat, write_tlog
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_STATUS
 from companion.mavlink.wire_frames import pack
+from models.frames import GRAVITY
 
 IMU_HZ = 50
 SLOW_HZ = 25
@@ -318,6 +319,65 @@ def no_battery_monitor(path: Path) -> None:
 
     log = bin_log().changed(empty)
     replace(log, parameters=log.parameters | {"BATT_MONITOR": 0.0}).write(path)
+
+
+def unused_outputs_hold_anything(path: Path) -> None:
+    """Before SERVOn_FUNCTION: outputs 5 to 8 are not connected, and hold whatever was in memory. No ESC telemetry."""
+
+    def filled(row: Row) -> Row | None:
+        t, name, values = row
+        if name == "ESC":
+            return None
+        if name != "RCOU":
+            return row
+        return t, name, (*values[:4], 52_328, 19_517, 5_109, 53_960, *values[8:])
+
+    log = bin_log().changed(filled)
+    old = {name: value for name, value in log.parameters.items() if name.startswith("MOT_")}
+    replace(log, parameters=old | {"FRAME": 1.0}).write(path)
+
+
+def simulator_hovers_still(path: Path) -> None:
+    """A simulator's hover: 10 m up for 20 s, nothing moves at all, and then the log ends."""
+    aloft = fly()
+    rise = 10.0 * np.clip((aloft.t - 3.0) / 3.0, 0.0, 1.0)
+    climb = np.where((aloft.t > 3.0) & (aloft.t < 6.0), 10.0 / 3.0, 0.0)
+    zero = np.zeros_like(aloft.rates)
+    still = replace(
+        aloft,
+        quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (len(rise), 1)),
+        euler=zero,
+        rates=zero,
+        position=np.column_stack([zero[:, :2], -rise]),
+        velocity=np.column_stack([zero[:, :2], -climb]),
+        force=np.tile([0.0, 0.0, -GRAVITY], (len(rise), 1)),
+        thrust=np.where(aloft.t[:, None] < 3.0, 0.05, MASS_KG * GRAVITY / 4.0 + 0.0 * aloft.thrust),
+    )
+    bin_log(still).write(path)
+
+
+def estimator_falls_on_the_bench(path: Path) -> None:
+    """Full throttle without propellers for 20 s; the estimator says 2 m/s down, and the same place."""
+
+    def held(row: Row) -> Row | None:
+        t, name, values = row
+        if name == "ESC":
+            return None
+        turns = 3.0 <= t - BOOT_S < 24.0
+        if name == "RCOU":
+            full = 1950 if turns else 1000
+            return t, name, (*[full] * 4, *values[4:])
+        if name == "XKF1":
+            return t, name, (0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0)
+        if name == "ATT":
+            return t, name, (0.0, 0.3, 0.0, -0.2, 0.0, 10.0)
+        if name == "IMU":
+            return t, name, (0, *values[1:4], 0.1, 0.0, -9.7)
+        if name == "BARO":
+            return t, name, (0, 0.1, 101_324.0)
+        return row
+
+    bin_log().changed(held).write(path)
 
 
 # --- .ulg -------------------------------------------------------------------------------------------------------------
@@ -734,6 +794,29 @@ CASES = (
         "erlerobot/logs pxf/copter/25-9-2014",
         "no battery voltage in the log",
         never=(*NEVER, r"yes +battery sag"),
+    ),
+    quad_case(
+        unused_outputs_hold_anything,
+        ".BIN",
+        "erlerobot/logs pxf/copter/25-9-2014",
+        "only outputs 1 to 4 count",
+    ),
+    quad_case(
+        simulator_hovers_still,
+        ".BIN",
+        "srikanthgoli1/rrc_fault_tolerant_control temp/log_18",
+        "it flew: 10 m up by estimator and barometer",
+        speed_m_s=4.0,
+    ),
+    quad_case(
+        estimator_falls_on_the_bench,
+        ".BIN",
+        "erlerobot/logs pxf/copter/6-3-2014",
+        "it did not fly: nothing moves but the estimator's velocity",
+        judged_s=0.0,
+        judged_most_s=0.0,
+        never=("tandem coaxial",),
+        refused="did not fly",
     ),
     quad_case(
         can_is_first,

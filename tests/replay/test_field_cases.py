@@ -81,9 +81,8 @@ def test_without_its_folder_the_command_says_so_and_goes_on(tmp_path, monkeypatc
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["esc_numbers_from_nine", "range_unplugged", "gimbal_and_adsb"])
-def test_cases_are_answered(name, tmp_path):
-    case = next(case for case in CASES if case.name == name)
+@pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
+def test_every_case_is_answered_as_expected(case, tmp_path):
     path = tmp_path / f"log{case.suffix}"
     case.write(path)
     assert wrong(case.expected, ask(path)) == []
