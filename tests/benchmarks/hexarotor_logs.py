@@ -108,11 +108,12 @@ def _vehicle(thrust: float) -> dict[str, Any]:
         rotor = {"servo": k + 1, "spin": spin}
         fans.append({"position_m": [forward, right, 0.0], "lip_radius_m": RADIUS_M, "rotors": [rotor]})
     full_n = thrust * FULL_RAD_S**2
+    share = MASS_KG * GRAVITY / 6.0 / full_n
     return {
         "name": "hexarotor of 12 kg",
         "mass_kg": MASS_KG,
         "inertia_kgm2": list(INERTIA),
-        "hover_thrust": MASS_KG * GRAVITY / 6.0 / full_n,
+        "hover_thrust": round(share**0.5, 3),
         "rotor_radius_m": RADIUS_M,
         "fan": fans,
         "throttle": throttle(full_n, expo=1.0, voltage_v=44.4),

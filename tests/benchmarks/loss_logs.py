@@ -109,12 +109,13 @@ def _vehicle() -> dict[str, Any]:
     ]
     full_n = THRUST_PER_SPEED2 * (SPEED_PER_THROTTLE + SPEED_AT_ZERO) ** 2
     still_us = 1000.0 - 1000.0 * SPEED_AT_ZERO / SPEED_PER_THROTTLE
+    share = MASS_KG * GRAVITY / 4.0 / full_n
     curve = throttle(full_n, expo=1.0, voltage_v=12.6)
     return {
         "name": "quadrotor with two weak fans",
         "mass_kg": MASS_KG,
         "inertia_kgm2": list(INERTIA),
-        "hover_thrust": MASS_KG * GRAVITY / 4.0 / full_n,
+        "hover_thrust": round(share**0.5, 3),
         "rotor_radius_m": RADIUS_M,
         "fan": fans,
         "throttle": curve | {"pwm_min_us": still_us},

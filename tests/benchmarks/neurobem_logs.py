@@ -105,7 +105,7 @@ def _vehicle() -> dict[str, Any]:
         "name": "racing quadrotor",
         "mass_kg": MASS_KG,
         "inertia_kgm2": list(INERTIA),
-        "hover_thrust": 0.2,
+        "hover_thrust": 0.45,
         "rotor_radius_m": RADIUS_M,
         "fan": fans,
         "throttle": throttle(full_n, expo=1.0, voltage_v=16.0),
