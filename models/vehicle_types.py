@@ -17,7 +17,7 @@ MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
 TARGETS = ("ground", "wall", "ceiling", "none")
 RHO_SEA_LEVEL = 1.225  # kg/m^3, ISO 2533
 Vector3 = tuple[float, float, float]
-ASSUMABLE = ("mass_kg", "rotor_radius_m", "position_m")
+ASSUMABLE = ("mass_kg", "rotor_radius_m", "position_m", "order")
 _Place = Annotated[Vector3, Bounds(-100.0, 100.0)]
 Problem = tuple[str, str]
 """A key, and what is wrong with it."""

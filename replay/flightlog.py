@@ -154,6 +154,19 @@ class LogFault:
 
     channel: str
     what: str
+    since_s: float | None = None
+    """When it begins [s, boot axis], where it does in flight."""
+    motors: tuple[int, ...] = ()
+    """Motors that fail, by number; several where one of them does."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys of ``log_faults``: what a fault does not have is left out."""
+        out: dict[str, Any] = {"channel": self.channel, "what": self.what}
+        if self.since_s is not None:
+            out["since_s"] = self.since_s
+        if self.motors:
+            out["motors"] = list(self.motors)
+        return out
 
 
 @dataclass(frozen=True)

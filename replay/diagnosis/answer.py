@@ -146,7 +146,7 @@ class Diagnosis(Searched):
                 },
                 "outside": [{"log": t.record.name, **_outside(o, self)} for t in self.traces for o in t.outside],
                 "regimes": [{"log": t.record.name, **r} for t in self.traces for r in self.regimes(t)],
-                "log_faults": [asdict(f) for f in self.faults],
+                "log_faults": [f.as_json() for f in self.faults],
                 "model": model,
                 "could_have_seen": [
                     {"what": v.what, "axes": v.axes, "least": v.least, "unit": v.unit, "parameter": v.coefficient}

@@ -24,6 +24,7 @@ from replay.residual.held_down import DID_NOT_FLY
 from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
+from replay.residual.motor_failure import motor_faults
 from replay.residual.reassigned import motors_reassigned
 from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
@@ -90,8 +91,11 @@ def build_record(
     measured = measured_wrench(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
+    motors = motor_faults(log, context, motion, air.flying)
+    begins_s = min((f.since_s for f in motors if f.since_s is not None), default=np.inf)
+    failed = ("after a motor failed", grid.t >= begins_s - grid.smooth_s)
     reassigned = ("an output was taken from its motor", motors_reassigned(log, grid.t))
-    time = judged_time(context, motion, modelled, air.flying, [*left_out, reassigned])
+    time = judged_time(context, motion, modelled, air.flying, [*left_out, reassigned, failed])
     doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)
@@ -125,7 +129,7 @@ def build_record(
         delays=delays,
         excluded=time.excluded,
         notes=(*notes, *unseen_surfaces(log, vehicle), *said, *time.notes),
-        faults=(*stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
+        faults=(*motors, *stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
         blind=doubts.blind,
         sources=log.sources,
     )
@@ -171,7 +175,9 @@ def too_short(record: Record) -> LogError:
     why = f" (most time lost to: {lost.reason})" if lost else ""
     # Rounded down: 7.8 s are not the 8 s that are needed.
     seconds = math.floor(10.0 * record.seconds) / 10.0
-    return LogError(f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s are needed")
+    short = f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s are needed"
+    failed = "".join(f"; {fault.what}" for fault in record.faults if fault.motors)
+    return LogError(short + failed)
 
 
 def check_model(vehicle: Vehicle, model: FanSurrogate | None) -> None:

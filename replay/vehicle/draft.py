@@ -129,7 +129,9 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
     vehicle = replace(found.vehicle, hover_thrust=hover)
     known, assumed = _facts(vehicle, frame, sizes, said, first.motor_outputs)
-    vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
+    unknown = [f.key for f in assumed if f.key in ASSUMABLE]
+    unknown += [] if frame.ordered else ["order"]
+    vehicle = replace(vehicle, assumed=tuple(unknown))
     wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
         raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")

@@ -1,0 +1,380 @@
+"""A motor that gives less thrust from a time on, by how the vehicle turns and sinks; or something else, or nothing.
+
+At each time t of a flight these are compared, on the seconds after it, with the mean of the seconds before as level:
+
+    none      a = G M + b                        as before
+    lost k    a = G (M - s m_k) + b              motor k gives the share s less, 0.2 to 1
+    pushed    a = G M + b + c                    a constant push: a gust, a load that shifts or drops
+    struck    a = anything of that size          an impact, the ground, a wall
+
+a: measured roll and pitch moment over weight and lever, and lift over the weight. M: the same by the thrusts that
+outputs or rotor speeds declare, m_k what motor k is declared to give. G: what the moments of inertia are off, with a
+log-normal prior. All are Gaussian; the likelihood counts by ``TRUST``. What an impact follows is no evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.effects import Context
+from models.frames import GRAVITY, Array
+from models.vehicle import Vehicle
+from replay.residual.grid import Mask, rate_of_change
+from replay.residual.motion import Trajectory
+from replay.residual.motion_faults import UPSIDE_DOWN
+
+TRUST = 0.5
+"""Power of the likelihood, as in the search: forms are not exact (Miller & Dunson 2019, JASA 114, 1113)."""
+BEFORE_S, AFTER_S, LATER_S = 3.0, 3.0, 10.0
+"""Time before, which gives the level; after, when a beginning is looked for; and after, when one is judged."""
+TUMBLING_S = 0.6
+"""Evidence after the vehicle has turned over: later its fall changes every rotor's thrust."""
+MOSTLY = 0.8
+"""Share of the time before a beginning that has to be flight."""
+FEWEST = 3
+"""Samples after the beginning: 0.3 s, in which a vehicle with a stopped motor turns over."""
+LEAST_SHARE = 0.2
+"""Smallest loss that is looked for: unequal propellers differ by less (0.1 is usual: ``fan_imbalance``)."""
+FORM = 0.15
+"""Error of declared moments, as a share of what differs between the motors: thrust curves and lag."""
+LATE_S = 0.03
+"""By which thrust may be off in time: a motor's lag."""
+BY_SPEED = np.array([0.01, 0.01, 0.045])
+"""By which moments and lift change with the speed [1 / (m/s)]: flapping, and inflow at a tip speed of 100 m/s."""
+COMMON, BENT = np.array([0.0, 0.0, 0.06]), 0.1
+"""What all rotors lose together is no motor's: a pack that sags, a climb (of the lift); and the thrust curve's slope."""
+LEAST_NOISE = np.array([0.004, 0.004, 0.01])
+"""Of roll, pitch and lift: no vehicle is steadier over seconds."""
+RAMP, RAMP_DOUBT = np.array([0.35, 0.85]), 0.3
+"""Share of a loss in the first two rows, through the low-pass and the motor's lag, and how sure it is."""
+GAIN_SD, GAIN_SD_ASSUMED = 0.3, 0.6
+"""Of log G: moments of inertia by the size of the vehicle; and with arms that are assumed."""
+PUSHED, STRUCK = 0.25, 0.5
+"""Standard deviations of a push and of blows, over weight and lever."""
+IMPACT_G, IMPACT_SIGMA = 1.2, 6.0
+"""Specific force beside the declared lift from which on something was struck: rotors and drag give less; and over its
+usual size in this flight."""
+SINCE_IMPACT_S = 1.0
+"""So long after an impact nothing begins that an impact did not begin."""
+CHANCE = 0.01
+"""Prior probability that a motor fails in a flight that is asked about."""
+CHANCE_OF_FALL = 0.2
+"""And that it is why one turns over within seconds."""
+SURE, APART = 4.6, 4.6
+"""Log odds of a failure against none, and of one motor against another, from which on they are said: 100 to 1."""
+SLOWEST_GYRO_HZ = 9.0
+"""A gyro from which on three samples are three."""
+_GAINS = np.exp(np.linspace(-1.0, 1.0, 9))
+_BY_AXIS = np.stack([_GAINS, _GAINS, np.ones(len(_GAINS))], axis=1)
+"""The inertia does not change the lift."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Motors, one of which gives ``share`` less from ``since_s`` on (indices of fans); log odds against none."""
+
+    fans: tuple[int, ...]
+    since_s: float
+    share: float
+    log_odds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Signals:
+    """Rows of 0.1 s: measured (n, 3) roll, pitch, lift; declared (n, fans, 3) by motor; all over weight and lever."""
+
+    time_s: Array
+    step_s: float
+    measured: Array
+    by_fan: Array
+    declared: Array
+    doubt: Array
+    """Standard deviation (n, 3) of what the declared moments are off by their form."""
+    velocity: Array
+    """(n, 3) [m/s], body axes; zero where the log says nothing."""
+    good: Mask
+    struck: Mask
+    over: Mask
+    """Turned over."""
+    flying: Mask
+
+
+def failed_motor(ctx: Context, motion: Trajectory, flying: Mask) -> Failure | None:
+    """The motor that fails in this flight, or two of which one does; None where nothing says so surely."""
+    if not places_known(ctx.vehicle) or motion.gyro_hz < SLOWEST_GYRO_HZ:
+        return None
+    signals = _signals(ctx, motion, flying)
+    noise = _noise(signals)
+    if noise is None:
+        return None
+    gain_sd = GAIN_SD_ASSUMED if "position_m" in ctx.vehicle.assumed else GAIN_SD
+    prior = -0.5 * (np.log(_GAINS) / gain_sd) ** 2
+    prior -= np.log(np.exp(prior).sum())
+    return _failure(signals, noise, prior)
+
+
+def places_known(vehicle: Vehicle) -> bool:
+    """Whether motors are told apart by how they turn the vehicle."""
+    return len(vehicle.fans) > 2 and "order" not in vehicle.assumed
+
+
+def evidence_until(ctx: Context, motion: Trajectory, flying: Mask) -> float:
+    """When [s] the first impact comes, or the vehicle has turned over: what follows says nothing of a motor."""
+    signals = _signals(ctx, motion, flying)
+    aloft = np.cumsum(signals.flying) * signals.step_s > BEFORE_S
+    hit = np.flatnonzero(signals.struck & aloft)
+    over = np.flatnonzero(signals.over & aloft)
+    ends = [signals.time_s[hit[0]]] if hit.size else []
+    ends += [signals.time_s[over[0]] + TUMBLING_S] if over.size else []
+    return float(min(ends, default=np.inf))
+
+
+def _signals(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
+    grid = motion.grid
+    unit = ctx.weight * ctx.lever
+    inertia = np.array(ctx.vehicle.inertia_kgm2)
+    spin_up = rate_of_change(motion.gyro, grid.rate)
+    turning = spin_up * inertia + np.cross(motion.gyro, motion.gyro * inertia)
+    lift = -motion.force[:, 2] / GRAVITY
+    measured = grid.smooth(np.column_stack([turning[:, :2] / unit, lift]))
+    thrust = grid.smooth(ctx.thrust / ctx.weight)
+    arms = np.asarray(ctx.vehicle.fan_positions_m) / ctx.lever
+    effect = np.stack([-arms[:, 1], arms[:, 0], np.ones(len(arms))], axis=1)
+    by_fan = thrust[:, :, None] * effect
+    declared = by_fan.sum(axis=1)
+    step_s = grid.every / grid.rate
+    # Less lift than declared is no blow: a rotor may turn without its propeller.
+    above = lift * GRAVITY - ctx.thrust.sum(axis=1) / ctx.vehicle.mass_kg
+    upward = np.maximum(np.maximum(above, motion.force[:, 2]), 0.0)
+    size = np.hypot(upward, np.linalg.norm(motion.force[:, :2], axis=1))
+    usual = float(np.nanmedian(size[flying])) if flying.any() else np.inf
+    hit = size > max(IMPACT_G * GRAVITY, IMPACT_SIGMA * usual)
+    with np.errstate(invalid="ignore"):
+        over = motion.rotation[:, 2, 2] < UPSIDE_DOWN
+    apart = np.abs(thrust - thrust.mean(axis=1, keepdims=True))
+    form = FORM * np.sqrt(((apart[:, :, None] * effect) ** 2).sum(axis=1))
+    late = LATE_S * np.abs(np.gradient(declared, step_s, axis=0))
+    form[:, 2] = np.hypot(form[:, 2], BENT * np.abs(declared[:, 2] - 1.0))
+    good = np.isfinite(measured).all(axis=1) & np.isfinite(declared).all(axis=1)
+    return _Signals(
+        time_s=grid.t[:: grid.every],
+        step_s=step_s,
+        measured=measured,
+        by_fan=by_fan,
+        declared=declared,
+        doubt=np.hypot(form, late),
+        velocity=np.nan_to_num(grid.smooth(ctx.velocity)),
+        good=good,
+        struck=_in_blocks(hit, grid.every, len(measured)),
+        over=_in_blocks(over, grid.every, len(measured)),
+        flying=flying[:: grid.every],
+    )
+
+
+def _in_blocks(mask: Mask, every: int, count: int) -> Mask:
+    """Whether it holds anywhere in the samples about each row."""
+    padded = np.convolve(mask.astype(float), np.ones(every), "same") > 0.5
+    return np.asarray(padded[::every][:count])
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """Standard deviations (3,): of a sample, and of the mean of one stretch against the one before."""
+
+    fast: Array
+    slow: Array
+
+
+def _noise(signals: _Signals) -> _Noise | None:
+    """As the flight itself shows it; None where it is too short to say."""
+    left = signals.measured - signals.declared
+    usable = signals.good & signals.flying & ~signals.over
+    span = round(BEFORE_S / signals.step_s)
+    if usable.sum() < 2 * span:
+        return None
+    left = np.where(usable[:, None], left, np.nan)
+    fast = _spread(np.diff(left, axis=0)) / np.sqrt(2.0)
+    kernel = np.ones(span) / span
+    mean = np.stack([np.convolve(left[:, j], kernel, "valid") for j in range(3)], axis=1)
+    change = mean[span:] - mean[:-span]
+    known = np.isfinite(change).all(axis=1)
+    if known.sum() < span:
+        return None
+    return _Noise(np.maximum(fast, LEAST_NOISE), np.maximum(_spread(change[known]), LEAST_NOISE))
+
+
+def _spread(x: Array) -> Array:
+    """Standard deviation (3,) of (n, 3) by the middle and by what is usually exceeded: tails count once."""
+    middle, most = np.nanpercentile(np.abs(x), (50.0, 90.0), axis=0)
+    return np.asarray(np.maximum(1.4826 * middle, most / 1.645))
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Log likelihoods on the rows after a beginning: by motor, and of what else there is; and the likeliest shares."""
+
+    lost: Array
+    shares: Array
+    none: float
+    pushed: float
+    struck: float
+
+    @property
+    def gain(self) -> float:
+        """Of the likeliest motor over all else."""
+        return float(self.lost.max()) - max(self.none, self.pushed, self.struck)
+
+
+def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int) -> _Compared | None:
+    """Rows ``begin`` to ``end`` against ``start`` to ``begin``, which are as before under all of these."""
+    before = np.flatnonzero(signals.good[start:begin]) + start
+    after = np.flatnonzero(signals.good[begin:end]) + begin
+    if len(before) < 0.5 * BEFORE_S / signals.step_s or len(after) < FEWEST:
+        return None
+    level_a = signals.measured[before].mean(axis=0)
+    level_m = signals.declared[before].mean(axis=0)
+    moved = signals.measured[after] - level_a
+    asked = signals.declared[after] - level_m
+    faster = np.linalg.norm(signals.velocity[after] - signals.velocity[before].mean(axis=0), axis=1)
+    var = noise.fast**2 + signals.doubt[after] ** 2 + (0.5 * BY_SPEED * faster[:, None]) ** 2
+    slow = noise.slow**2 + COMMON**2 + (BY_SPEED * float(np.sqrt((faster**2).mean()))) ** 2
+    earlier = _before(signals, noise, before, level_a, level_m)
+    prior = prior + earlier
+    left = moved[None] - _BY_AXIS[:, None] * asked[None]
+    none = _evidence(left, var, slow) + prior
+    wide = np.array([PUSHED, PUSHED, PUSHED]) ** 2
+    pushed = _evidence(left, var, slow + wide) + prior
+    struck = _evidence(left, var + STRUCK**2, slow) + prior
+    ramp = np.ones(len(after))
+    ramp[: len(RAMP)] = RAMP
+    doubt = np.zeros(len(after))
+    doubt[: len(RAMP)] = RAMP_DOUBT
+    lost, shares = [], []
+    for k in range(signals.by_fan.shape[1]):
+        of_motor = signals.by_fan[after, k] * ramp[:, None]
+        unsure = var + (doubt[:, None] * of_motor) ** 2
+        gone = _BY_AXIS[:, None] * of_motor[None]
+        share = _share(left, gone, unsure, slow)
+        rest = left + share[:, None, None] * gone
+        each = _evidence(rest, unsure, slow) + prior
+        lost.append(_sum(each))
+        shares.append(float(share[int(each.argmax())]))
+    return _Compared(np.array(lost), np.array(shares), _sum(none), _sum(pushed), _sum(struck))
+
+
+def _before(signals: _Signals, noise: _Noise, rows: NDArray[np.int_], level_a: Array, level_m: Array) -> Array:
+    """Log likelihood (gains,) of the rows before a beginning, about their own mean."""
+    moved = signals.measured[rows] - level_a
+    asked = signals.declared[rows] - level_m
+    left = moved[None] - _BY_AXIS[:, None] * asked[None]
+    var = noise.fast**2 + signals.doubt[rows] ** 2
+    return _evidence(left, var, noise.slow**2)
+
+
+def _evidence(left: Array, var: Array, slow: Array) -> Array:
+    """Log likelihood (gains,) of what is left (gains, n, 3): white noise (n, 3) and one offset of variance ``slow``."""
+    weight = 1.0 / var
+    square = (left**2 * weight).sum(axis=1)
+    mean = (left * weight).sum(axis=1)
+    total = weight.sum(axis=0)
+    square -= mean**2 * slow / (1.0 + slow * total)
+    log_det = np.log(var).sum(axis=0) + np.log1p(slow * total)
+    return np.asarray(-0.5 * TRUST * (square + log_det).sum(axis=-1))
+
+
+def _share(left: Array, gone: Array, var: Array, slow: Array) -> Array:
+    """Likeliest share (gains,) within its bounds."""
+    weight = 1.0 / var
+    total = weight.sum(axis=0)
+    shrink = slow / (1.0 + slow * total)
+    cross = (left * gone * weight).sum(axis=1)
+    cross -= (left * weight).sum(axis=1) * (gone * weight).sum(axis=1) * shrink
+    own = (gone**2 * weight).sum(axis=1)
+    own -= (gone * weight).sum(axis=1) ** 2 * shrink
+    share = -cross.sum(axis=-1) / np.maximum(own.sum(axis=-1), 1e-12)
+    return np.clip(share, LEAST_SHARE, 1.0)
+
+
+def _sum(logs: Array) -> float:
+    top = float(logs.max())
+    return top + float(np.log(np.exp(logs - top).sum()))
+
+
+def _last(signals: _Signals, begin: int, longest_s: float) -> int:
+    """Row after the last one that is evidence of what began at ``begin``."""
+    end = min(begin + round(longest_s / signals.step_s), len(signals.time_s))
+    hit = np.flatnonzero(signals.struck[begin:end])
+    if hit.size:
+        end = min(end, begin + int(hit[0]))
+    over = np.flatnonzero(signals.over[begin:end])
+    if over.size:
+        end = min(end, begin + int(over[0]) + round(TUMBLING_S / signals.step_s))
+    return end
+
+
+def _beginnings(signals: _Signals) -> list[int]:
+    """Rows at which something may begin: in flight, upright, and not just after an impact."""
+    span = round(BEFORE_S / signals.step_s)
+    recent = round(SINCE_IMPACT_S / signals.step_s)
+    out = []
+    for begin in range(span, len(signals.time_s) - FEWEST):
+        flown = signals.flying[begin - span : begin].mean() >= MOSTLY
+        hit = signals.struck[begin - recent : begin + 1].any()
+        over = signals.over[begin - span : begin + 1].any()
+        if flown and not hit and not over:
+            out.append(begin)
+    return out
+
+
+def _failure(signals: _Signals, noise: _Noise, prior: Array) -> Failure | None:
+    """The likeliest failure, where nothing else is about as likely."""
+    begins = _beginnings(signals)
+    span = round(BEFORE_S / signals.step_s)
+    about = None
+    most = 0.0
+    for begin in begins:
+        end = _last(signals, begin, AFTER_S)
+        compared = _compare(signals, noise, prior, begin - span, begin, end)
+        if compared is not None and compared.gain > most:
+            most = compared.gain
+            about = begin
+    if about is None:
+        return None
+    return _about(signals, noise, prior, [b for b in begins if abs(b - about) <= span])
+
+
+def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]) -> Failure | None:
+    """The likeliest failure of all that begin at these rows, over one and the same time."""
+    start = max(begins[0] - round(BEFORE_S / signals.step_s), 0)
+    end = _last(signals, begins[-1], LATER_S)
+    every = {begin: _compare(signals, noise, prior, start, begin, end) for begin in begins}
+    rows = [begin for begin, compared in every.items() if compared is not None]
+    found = [compared for compared in every.values() if compared is not None]
+    if not found:
+        return None
+    lost = np.array([compared.lost for compared in found])
+    # A beginning anywhere here: the mean over its times, for all alike.
+    by_fan = np.array([_sum(column) for column in lost.T])
+    none = _sum(np.array([compared.none for compared in found]))
+    other = max(_sum(np.array([getattr(c, name) for c in found])) for name in ("pushed", "struck"))
+    windows = max(signals.flying.sum() * signals.step_s / AFTER_S, 1.0)
+    falls = signals.over[begins[0] : end + 1].any()
+    rare = float(np.log(CHANCE_OF_FALL if falls else CHANCE / windows))
+    order = np.argsort(by_fan)[::-1]
+    first = int(order[0])
+    mine = float(by_fan[first]) + rare - float(np.log(len(by_fan)))
+    odds = mine - max(none, other + rare)
+    close = [int(k) for k in order if by_fan[first] - by_fan[k] < APART]
+    if odds < SURE or len(close) > 2:
+        return None
+    at = int(lost[:, first].argmax())
+    return Failure(
+        fans=tuple(sorted(close)),
+        since_s=float(signals.time_s[rows[at]]),
+        share=float(found[at].shares[first]),
+        log_odds=odds,
+    )
