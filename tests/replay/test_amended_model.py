@@ -15,9 +15,7 @@ from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_a
 from replay.diagnosis.words import kept_words
 from replay.search.results import IntervalEstimate
 
-WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "uneven": 0.1,
-    "above_radii": 0.5,
-}  # fmt: skip
+WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
 
 
@@ -64,7 +62,7 @@ def test_every_effect_says_what_is_kept_of_it() -> None:
     for e in catalogue():
         assert kept_words(e).startswith("kept" if e.kept else "not kept")
         assert e.kept == (not e.belongs_to.of_day)
-    assert "keeps own motion, turning, sinking and uneven" in kept_words(get("wind"))
+    assert "keeps own motion, turning and sinking" in kept_words(get("wind"))
     assert "north and east" in kept_words(get("vertical_inflow"))
     assert get("imu_bias").belongs_to is BelongsTo.INSTRUMENT
 
