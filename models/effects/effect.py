@@ -246,11 +246,10 @@ class Context:
         level[..., 2] = 0.0
         return self.wrench_at_cg(flow[..., None] * level, above_m)
 
-    def own_drag(self, above_m: float) -> tuple[Array, Array, Array, Array]:
-        """``level_drag`` of moving over ground, of turning, what sinking adds to that of moving, and of uneven axes.
+    def own_drag(self, above_m: float) -> tuple[Array, Array, Array]:
+        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving.
 
-        Sinking along the rotor axis adds rho A v_down to the mass flow. Uneven axes have as much more drag along x as
-        they have less along y.
+        Sinking along the rotor axis adds rho A v_down to the mass flow.
         """
         own = self.velocity[..., None, :]
         sinking = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * own[..., 2] * np.ones(len(self.vehicle.fans))
@@ -258,7 +257,6 @@ class Context:
             self.level_drag(own, self.mass_flow, above_m),
             self.level_drag(self.turning, self.mass_flow, above_m),
             self.level_drag(own, sinking, above_m),
-            self.level_drag(own * np.array([1.0, -1.0, 0.0]), self.mass_flow, above_m),
         )
 
     def by_model(self, declared: float, empty: float) -> float:

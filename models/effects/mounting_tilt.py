@@ -61,6 +61,6 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("wind", "rotor_drag"),
     in_flight=NOT_FLOWN,
-    chance=0.1,
+    chance=0.3,
     shown=Shown(in_words=_words),
 )

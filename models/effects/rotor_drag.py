@@ -1,20 +1,17 @@
-"""Drag of the fans on the vehicle's own motion: the stream they turn, the blades in it, and the body in that stream.
+"""Drag of the fans on the vehicle's own motion: the stream they turn, and the blades in it.
 
 Valid: speeds well below the induced velocity.
-Source: Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402, with
-one size along x and another along y (0.54 and 0.39 1/s there); flapping with the inflow: Leishman 2006, ch. 4.
+Source: Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402;
+flapping with the inflow: Leishman 2006, ch. 4.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
+from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import force_words, mean, over_speed
 from models.frames import Array
-
-# Discs have no sides: what differs is the body in their stream, by a fifth on quadrotors, by two thirds with wings.
-UNEVEN = Coefficient("uneven", "1", -3.0, 3.0, typical=0.3, optional=True, belongs_to=BelongsTo.VEHICLE)
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -28,9 +25,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="rotor_drag",
-    equation="dF_xy = -sum (sqrt(rho A T) (c v + u (v_x, -v_y) + t omega x r) + s rho A v_down v)_xy per fan",
-    sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps back further; "
-    "uneven > 0: more along x than along y",
+    equation="dF_xy = -sum (sqrt(rho A T) (c v + t omega x r) + s rho A v_down v)_xy per fan",
+    sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps back further",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 0.5 m/s",
@@ -38,7 +34,6 @@ EFFECT = Effect(
         Coefficient("drag", "1", 0.05, 6.0, typical=1.0),
         Coefficient("turning", "1", -6.0, 6.0),
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
-        UNEVEN,
     ),
     wrenches=_wrenches,
     shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),

@@ -13,7 +13,6 @@ import numpy as np
 
 from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Drawn, Effect, Quantity, Shape, Shown
 from models.effects.pictures import compass, force_words, mean, over
-from models.effects.rotor_drag import UNEVEN
 from models.frames import Array
 
 LEAST_DRAG = 0.02
@@ -48,7 +47,6 @@ def _drag_alone(p: Mapping[str, float]) -> AdoptedEffect:
         "drag": p["own_motion"],
         "turning": p["turning"],
         "sinking": p.get("sinking", 0.0),
-        "uneven": p.get("uneven", 0.0),
         "above_radii": p["above_radii"],
     }
     return AdoptedEffect("rotor_drag", of_vehicle)
@@ -91,10 +89,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="wind",
     belongs_to=BelongsTo.WEATHER,
-    equation="dF_xy = sum (sqrt(rho A T) (w - k v - u (v_x, -v_y) - t omega x r) - s rho A v_down v)_xy, above the "
-    "fans' references",
-    sign="north, east > 0: the air moves to the north, east, with the speed w / k; uneven > 0: more drag along x "
-    "than along y",
+    equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
+    sign="north, east > 0: the air moves to the north, east, with the speed w / k",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
@@ -104,7 +100,6 @@ EFFECT = Effect(
         Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7, belongs_to=BelongsTo.VEHICLE),
         Coefficient("turning", "1", -6.0, 6.0, belongs_to=BelongsTo.VEHICLE),
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True, belongs_to=BelongsTo.VEHICLE),
-        UNEVEN,
     ),
     wrenches=_wrenches,
     shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),

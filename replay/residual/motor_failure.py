@@ -124,9 +124,7 @@ def _no_thrust(at: _At, failure: Failure) -> LogFault:
     vehicle = at.ctx.vehicle
     loses = "no thrust" if failure.share >= ALL_LOST else f"about {failure.share:.0%} less thrust"
     outputs = [_output(vehicle, fan) for fan in failure.fans]
-    named = [
-        f"{fan + 1}{_where(vehicle, fan, output)}" for fan, output in zip(failure.fans, outputs, strict=True)
-    ]
+    named = [f"{fan + 1}{_where(vehicle, fan, output)}" for fan, output in zip(failure.fans, outputs, strict=True)]
     who = f"motor {named[0]}" if len(named) == 1 else f"one of motors {' and '.join(named)}"
     what = f"{who} gives {loses} from {at.since_s:.1f} s on{_signs(at, failure.fans[0])}"
     motors = tuple(fan + 1 for fan in failure.fans)

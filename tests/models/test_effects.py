@@ -193,8 +193,6 @@ def test_a_model_directory_may_lack_an_optional_parameter() -> None:
     assert adopted("battery_sag", known).parameters == known | {"ohmic": 0.0}
     still_air = {"turning": 0.0, "north": 0.0, "east": 0.0, "level": 0.0}
     assert adopted("vertical_inflow", {"slope": 4.0}).parameters == {"slope": 4.0} | still_air
-    old = {"drag": 0.5, "turning": 0.0, "sinking": 0.3, "above_radii": 0.0}
-    assert adopted("rotor_drag", old).parameters == old | {"uneven": 0.0}
     with pytest.raises(ModelError, match="lacks parameter 'power'"):
         adopted("battery_sag", {"at_reference": 0.0, "reference_v": 16.0})
 

@@ -15,9 +15,7 @@ from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_a
 from replay.diagnosis.words import kept_words
 from replay.search.estimates import IntervalEstimate
 
-WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "uneven": 0.1,
-    "above_radii": 0.5,
-}  # fmt: skip
+WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
 
 
@@ -38,7 +36,7 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
     model = saved(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
     effects = {e.name: e.parameters for e in model.effects}
     assert effects == {
-        "rotor_drag": {"drag": 0.4, "turning": 0.0, "sinking": 0.1, "uneven": 0.1, "above_radii": 0.5},
+        "rotor_drag": {"drag": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5},
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
     of_day = model.info["of_day"]

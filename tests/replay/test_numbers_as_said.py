@@ -302,7 +302,6 @@ def test_drag_that_was_found_in_still_air_is_kept_whole() -> None:
 def test_what_is_the_vehicles_of_a_wind_stays_as_drag_and_flies_the_same_force(quiet: Record) -> None:
     context = quiet.context
     found = {"north": 0.7, "east": 0.2, "own_motion": 0.4, "turning": 0.3, "sinking": 0.1, "above_radii": 0.5}
-    found["uneven"] = 0.05
     wind = AdoptedEffect("wind", found, ("My",))
     (kept,) = amended(None, context.vehicle, [wind]).effects
     assert kept.name == "rotor_drag"
