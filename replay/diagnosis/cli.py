@@ -74,7 +74,14 @@ def run(a: argparse.Namespace) -> int:
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
-    answer = diagnose(a.logs, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
+    answer = diagnose(
+        a.logs,
+        vehicle,
+        chosen.judged,
+        target_system=a.target_system,
+        read=None if draft is None else draft.read,
+        progress=progress_bar(a),
+    )
     faults = model_faults(answer.records, chosen)
     notes = [] if chosen.note is None else [chosen.note]
     notes += warnings(vehicle) if draft is None else draft.notes

@@ -28,10 +28,14 @@ def diagnose(
     model: FanSurrogate | None,
     *,
     target_system: int | None = None,
+    read: dict[Path, list[FlightLog]] | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
-    """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
-    records, notes = read_records(progress(paths), vehicle, model, target_system)
+    """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read.
+
+    Logs in ``read`` are not read again; they are taken out, so that none stays in memory for the search.
+    """
+    records, notes = read_records(progress(paths), vehicle, model, target_system, {} if read is None else read)
     return conclude(records, notes)
 
 
@@ -61,9 +65,13 @@ def conclude(
 
 
 def read_records(
-    paths: Iterable[Path], vehicle: Vehicle, model: FanSurrogate | None, target_system: int | None
+    paths: Iterable[Path],
+    vehicle: Vehicle,
+    model: FanSurrogate | None,
+    target_system: int | None,
+    read: dict[Path, list[FlightLog]] | None = None,
 ) -> tuple[list[Record], list[str]]:
-    """Flights of some logs, and what is to be said of reading them.
+    """Flights of some logs, and what is to be said of reading them; logs are taken out of ``read`` where it has them.
 
     LogError where none can be judged, ConfigError where the vehicle file lacks what the empty model needs.
     """
@@ -77,7 +85,8 @@ def read_records(
         own = Stretches()
         boot = 0
         try:
-            for log in load(path, target_system):
+            boots = read.pop(path) if read and path in read else load(path, target_system)
+            for log in boots:
                 boot = log.boot
                 for part in log.stretches():
                     if not own.wants_next():

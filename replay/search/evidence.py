@@ -194,10 +194,8 @@ class Evidence:
         With a ``key``: of the terms with that key only, NaN for the others.
         """
         library = self.library
-        by_width: dict[int, list[int]] = {}
-        for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
-            by_width.setdefault(len(library.terms[i].columns), []).append(i)
-        asked = np.unique(np.concatenate([library.terms[i].columns for n in by_width.values() for i in n]))
+        groups = library.alike(key)
+        asked = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
         set_columns = Design(library, fit.terms).columns
         x_bias = library.x_bias[:, asked]
         cross = library.x_bias[:, set_columns].T @ x_bias
@@ -212,10 +210,9 @@ class Evidence:
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
         out = np.full(len(library.terms), np.nan)
-        for numbers in by_width.values():
-            columns, centre = (
-                np.stack([getattr(library.terms[i], of) for i in numbers]) for of in ("columns", "centre")
-            )
+        for group in groups:
+            columns = group.columns
+            centre = group.centre
             at = np.searchsorted(asked, columns)
             bias = x_bias[:, at].transpose(1, 2, 0)
             own = np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2)
@@ -224,7 +221,7 @@ class Evidence:
                 own += white.within(white.channel.where[columns]) / variance
             v = g[at] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[group.numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:

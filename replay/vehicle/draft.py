@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -78,6 +78,8 @@ class Draft:
     vehicle: Vehicle
     known: tuple[Fact, ...]
     assumed: tuple[Fact, ...] = ()
+    read: dict[Path, list[FlightLog]] = field(default_factory=dict, repr=False, compare=False)
+    """Logs that were read for it, for whoever needs them next: reading takes seconds."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -100,7 +102,8 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
 
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
-    logs = _flown(paths[:_LOGS], target_system)
+    read: dict[Path, list[FlightLog]] = {}
+    logs = _flown(paths[:_LOGS], target_system, read)
     parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
     logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
     if all(map(is_tandem, logs)):
@@ -122,15 +125,19 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
         raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
-    return Draft(vehicle, tuple(known), tuple(assumed))
+    return Draft(vehicle, tuple(known), tuple(assumed), read)
 
 
-def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
-    """Of every log that can be read the first stretch in which it was armed, or the first one."""
+def _flown(paths: Sequence[Path], target_system: int | None, read: dict[Path, list[FlightLog]]) -> list[FlightLog]:
+    """Of every log that can be read the first stretch in which it was armed, or the first one.
+
+    What is read is kept in ``read``.
+    """
     out, problems = [], []
     for path in paths:
         try:
-            parts = [part for log in load(path, target_system) for part in log.stretches()]
+            read[path] = load(path, target_system)
+            parts = [part for log in read[path] for part in log.stretches()]
         except LogError as error:
             problems.append(error)
             continue
