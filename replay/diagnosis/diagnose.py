@@ -56,12 +56,22 @@ def conclude(
         verdict = "not_judged"
     all_notes = [
         *notes,
+        *_left_out(searched.left_out),
         *_one_wind(searched.found, records),
         *_wind_speeds(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
-    return Diagnosis(searched.traces, searched.found, searched.rejected, channels, verdict, tuple(all_notes), faults)
+    return Diagnosis(
+        traces=searched.traces,
+        found=searched.found,
+        rejected=searched.rejected,
+        left_out=searched.left_out,
+        channels=channels,
+        verdict=verdict,
+        notes=tuple(all_notes),
+        faults=faults,
+    )
 
 
 def read_records(
@@ -123,6 +133,13 @@ def _channels(traces: Sequence[FlightFit]) -> tuple[CarryingChannel, ...]:
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c
     return tuple(best.values())
+
+
+def _left_out(what: Sequence[str]) -> list[str]:
+    """A search that would take too long stops with the best that it has."""
+    if not what:
+        return []
+    return [f"left out of the search, which would take too long: {', '.join(what)}; a part of the flight takes less"]
 
 
 def _one_wind(found: Sequence[Found], records: Sequence[Record]) -> list[str]:

@@ -40,6 +40,8 @@ ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
 """Relative change of the noise below which they agree."""
+WORTH_A_SET = 7500.0
+"""So many samples, of all axes together, cost as much as what a set costs whatever the flight's length."""
 NOTHING: Mapping[int, Mask] = {}
 
 
@@ -112,6 +114,9 @@ class Evidence:
         smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
+        self._samples = sum(len(c.run) for c in channels)
+        self.work = 0.0
+        """What was spent on sets so far, the same on every machine: one for each, more for long flights."""
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
@@ -293,6 +298,7 @@ class Evidence:
 
     def _posterior(self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
+        self.work += 1.0 + self._samples / WORTH_A_SET
         r = design.centre.copy()
         a = np.eye(len(r))
         for white, variance in self._channels(noise):

@@ -109,6 +109,8 @@ class Searched:
     """Every flight under the best set."""
     found: tuple[Found, ...]
     rejected: tuple[Rejected, ...]
+    left_out: tuple[str, ...]
+    """What was not tried, because it would have taken too long."""
 
 
 def summarise(walked: Walked) -> Searched:
@@ -129,7 +131,7 @@ def summarise(walked: Walked) -> Searched:
     names = dict.fromkeys(t.name for t in chosen)
     found = _at_most_all([_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names])
     found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
-    return Searched(tuple(fits), tuple(found), _rejected(walked, set(names)))
+    return Searched(tuple(fits), tuple(found), _rejected(walked, set(names)), walked.left_out)
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
