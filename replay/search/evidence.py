@@ -199,7 +199,10 @@ class Evidence:
         With a ``key``: of the terms with that key only, NaN for the others.
         """
         library = self.library
+        out = np.full(len(library.terms), np.nan)
         groups = library.alike(key)
+        if not groups:
+            return out
         asked = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
         set_columns = Design(library, fit.terms).columns
         x_bias = library.x_bias[:, asked]
@@ -214,7 +217,6 @@ class Evidence:
             cross += gram[1:]
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
-        out = np.full(len(library.terms), np.nan)
         for group in groups:
             columns = group.columns
             centre = group.centre
@@ -310,5 +312,5 @@ class Evidence:
         x_bias = self.library.x_bias[:, design.columns]
         a += x_bias.T @ x_bias
         r += x_bias.T @ self.library.bias
-        cov = np.linalg.inv(a)
+        cov = np.asarray(np.linalg.inv(a), dtype=np.float64)
         return cov @ r, cov

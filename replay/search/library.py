@@ -116,6 +116,8 @@ class Library:
     def alike(self, key: Key | None) -> list[Alike]:
         """All terms by their width, or those with a key."""
         numbers = range(len(self.terms)) if key is None else self.numbers_of[key]
+        if not numbers:
+            return []
         last = self.terms[numbers[-1]]
         known = self._alike.get(key)
         if known is not None and known[0] is last:

@@ -45,7 +45,7 @@ BETWEEN = 30.0
 def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     """Weigh sets of effects over all flights together."""
     evidence = Evidence(Library(records, effects))
-    account = Account(evidence, MOST_WORK * max(sum(r.seconds for r in records) / LONG_S, 1.0))
+    account = Account(evidence, allowed(records))
     empty = evidence.fit([], evidence.unfitted())
     sets = Sets(evidence, {empty.key: empty})
     _grown(sets, empty, MOST + MOST_A_FLIGHT * (len(records) - 1), account)
@@ -58,6 +58,11 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         if best.key <= known:
             break
     return Walked(evidence, sets.fits, sets.fits[best.key], left_out=tuple(account.left_out))
+
+
+def allowed(records: Sequence[Record]) -> float:
+    """How much work a walk over these flights may do."""
+    return MOST_WORK * max(sum(r.seconds for r in records) / LONG_S, 1.0)
 
 
 @dataclass
