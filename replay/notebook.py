@@ -50,15 +50,17 @@ def diagnose(
     """
     paths = [Path(logs)] if isinstance(logs, Path | str) else [Path(log) for log in logs]
     notes: Sequence[str] = ()
+    read = None
     if vehicle is None:
         diameter_m = None if propeller_inch is None else propeller_inch * INCH_M
         drafted = draft(paths, Given(mass_kg, diameter_m, span_m), target_system)
         vehicle, notes = drafted.vehicle, drafted.notes
+        read = drafted.read
     elif not isinstance(vehicle, Vehicle):
         vehicle = chosen_vehicle(vehicle)
     if isinstance(model, str):
         model = choose(vehicle, None if model == DEFAULT else model).judged
     # Matrices here are small: a second thread of linear algebra would wait, and take a core to do so.
     with threadpool_limits(limits=1):
-        found = asked.diagnose(paths, vehicle, model, target_system=target_system)
+        found = asked.diagnose(paths, vehicle, model, target_system=target_system, read=read)
     return NotebookDiagnosis(**vars(replace(found, notes=(*notes, *found.notes))))

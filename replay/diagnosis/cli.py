@@ -82,6 +82,7 @@ def run(a: argparse.Namespace) -> int:
         chosen.judged,
         target_system=a.target_system,
         settings=given(a).settings,
+        read=None if draft is None else draft.read,
         progress=progress_bar(a),
     )
     faults = model_faults(answer.records, chosen)

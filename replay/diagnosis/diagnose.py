@@ -29,13 +29,23 @@ def diagnose(
     *,
     target_system: int | None = None,
     settings: Mapping[str, str] | None = None,
+    read: dict[Path, list[FlightLog]] | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read.
 
-    ``settings``: the instance to read, by quantity.
+    ``settings``: the instance to read, by quantity. Logs in ``read`` are not read again; they are taken out, so that
+    none stays in memory for the search.
     """
-    records, notes = read_records(progress(paths), vehicle, model, target_system, settings)
+    held = {} if read is None else read
+    records, notes = read_records(
+        progress(paths),
+        vehicle,
+        model,
+        target_system,
+        settings=settings,
+        read=held,
+    )
     return conclude(records, notes)
 
 
@@ -56,6 +66,7 @@ def conclude(
         verdict = "not_judged"
     all_notes = [
         *notes,
+        *_left_out(searched.left_out),
         *_remarks(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
@@ -65,6 +76,7 @@ def conclude(
         found=searched.found,
         rejected=searched.rejected,
         visible=searched.visible,
+        left_out=searched.left_out,
         channels=channels,
         verdict=verdict,
         notes=tuple(all_notes),
@@ -79,8 +91,9 @@ def read_records(
     model: FanSurrogate | None,
     target_system: int | None,
     settings: Mapping[str, str] | None = None,
+    read: dict[Path, list[FlightLog]] | None = None,
 ) -> tuple[list[Record], list[str]]:
-    """Flights of some logs, and what is to be said of reading them.
+    """Flights of some logs, and what is to be said of reading them; logs are taken out of ``read`` where it has them.
 
     LogError where none can be judged, ConfigError where the vehicle file lacks what the empty model needs.
     """
@@ -94,7 +107,11 @@ def read_records(
         own = Stretches()
         boot = 0
         try:
-            for log in load(path, target_system, settings):
+            if read is not None and path in read:
+                boots = read.pop(path)
+            else:
+                boots = load(path, target_system, settings)
+            for log in boots:
                 boot = log.boot
                 for part in log.stretches():
                     if not own.wants_next():
@@ -131,6 +148,13 @@ def _channels(traces: Sequence[FlightFit]) -> tuple[CarryingChannel, ...]:
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c
     return tuple(best.values())
+
+
+def _left_out(what: Sequence[str]) -> list[str]:
+    """A search that would take too long stops with the best that it has."""
+    if not what:
+        return []
+    return [f"left out of the search, which would take too long: {', '.join(what)}; a part of the flight takes less"]
 
 
 def _one_wind(answer: Diagnosis) -> list[str]:

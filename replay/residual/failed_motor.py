@@ -46,7 +46,7 @@ LATE_S = 0.03
 BY_SPEED = np.array([0.01, 0.01, 0.045])
 """By which moments and lift change with the speed [1 / (m/s)]: flapping, and inflow at a tip speed of 100 m/s."""
 COMMON, BENT = np.array([0.0, 0.0, 0.06]), 0.1
-"""What all rotors lose together is no motor's: a pack that sags, a climb (of the lift); and the thrust curve's slope."""
+"""What all rotors lose together is no motor's: a pack that sags, a climb (of the lift); and the curve's slope."""
 LEAST_NOISE = np.array([0.004, 0.004, 0.01])
 """Of roll, pitch and lift: no vehicle is steadier over seconds."""
 RAMP, RAMP_DOUBT = np.array([0.35, 0.85]), 0.3
@@ -296,7 +296,7 @@ def _share(left: Array, gone: Array, var: Array, slow: Array) -> Array:
     own = (gone**2 * weight).sum(axis=1)
     own -= (gone * weight).sum(axis=1) ** 2 * shrink
     share = -cross.sum(axis=-1) / np.maximum(own.sum(axis=-1), 1e-12)
-    return np.clip(share, LEAST_SHARE, 1.0)
+    return np.asarray(np.clip(share, LEAST_SHARE, 1.0))
 
 
 def _sum(logs: Array) -> float:

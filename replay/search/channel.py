@@ -53,7 +53,8 @@ class Mixture:
 
     def holds(self, rows: Columns) -> Mask:
         """Which of some rows are of this mixture."""
-        return np.asarray((rows >= self.first) & (rows < self.first + self.mixing.shape[1]))
+        last = self.first + self.mixing.shape[1]
+        return np.asarray((rows >= self.first) & (rows < last))
 
 
 class ResidualChannel:

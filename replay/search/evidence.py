@@ -41,6 +41,8 @@ ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
 """Relative change of the noise below which they agree."""
+WORTH_A_SET = 7500.0
+"""So many samples, of all axes together, cost as much as what a set costs whatever the flight's length."""
 NOTHING: Mapping[int, Mask] = {}
 
 
@@ -119,6 +121,9 @@ class Evidence:
         smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
+        self._samples = sum(len(c.run) for c in channels)
+        self.work = 0.0
+        """What was spent on sets so far, the same on every machine: one for each, more for long flights."""
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
@@ -201,12 +206,11 @@ class Evidence:
         With a ``key``: of the terms with that key only, NaN for the others.
         """
         library = self.library
-        by_width: dict[int, list[int]] = {}
-        for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
-            by_width.setdefault(len(library.terms[i].columns), []).append(i)
-        if not by_width:
-            return np.empty(0)
-        asked = np.unique(np.concatenate([library.terms[i].columns for n in by_width.values() for i in n]))
+        out = np.full(len(library.terms), np.nan)
+        groups = library.alike(key)
+        if not groups:
+            return out
+        asked = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
         set_columns = Design(library, fit.terms).columns
         x_bias = library.x_bias[:, asked]
         cross = library.x_bias[:, set_columns].T @ x_bias
@@ -220,11 +224,9 @@ class Evidence:
             cross += gram[1:]
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
-        out = np.full(len(library.terms), np.nan)
-        for numbers in by_width.values():
-            columns, centre = (
-                np.stack([getattr(library.terms[i], of) for i in numbers]) for of in ("columns", "centre")
-            )
+        for group in groups:
+            columns = group.columns
+            centre = group.centre
             at = np.searchsorted(asked, columns)
             bias = x_bias[:, at].transpose(1, 2, 0)
             own = np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2)
@@ -233,7 +235,7 @@ class Evidence:
                 own += white.within(white.channel.where[columns]) / variance
             v = g[at] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[group.numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
@@ -312,6 +314,7 @@ class Evidence:
 
     def _posterior(self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
+        self.work += 1.0 + self._samples / WORTH_A_SET
         r = design.centre.copy()
         a = np.eye(len(r))
         for white, variance in self._channels(noise):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, zip_longest
 
@@ -50,6 +51,15 @@ Prior = tuple[int, float, float, float, float, float]
 """Of a coefficient: column, standard deviation, and in units of that mean, bounds, and 1 where it makes the effect."""
 
 
+@dataclass(frozen=True)
+class Alike:
+    """Terms of one width k: their numbers (t,), columns (t, k) and prior means (t, k)."""
+
+    numbers: list[int]
+    columns: Columns
+    centre: Array
+
+
 class Library:
     """All terms of some flights, and the channels that they act on.
 
@@ -70,6 +80,7 @@ class Library:
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self.numbers_of: dict[Key, list[int]] = {}
         """Numbers of the terms with a key: one effect in all its shapes."""
+        self._alike: dict[Key | None, tuple[Term, list[Alike]]] = {}
         self._unmixed: dict[tuple[str, int], Columns] = {}
         """Of an effect whose shape only mixes its regressors, and a flight: the columns that are mixed."""
         self._curves: dict[tuple[int, int], Array] = {}
@@ -101,6 +112,25 @@ class Library:
         self._add(effect, None, self._usable(effect), shape, 0.0)
         self._reach()
         return self.terms[-1]
+
+    def alike(self, key: Key | None) -> list[Alike]:
+        """All terms by their width, or those with a key."""
+        numbers = range(len(self.terms)) if key is None else self.numbers_of[key]
+        if not numbers:
+            return []
+        last = self.terms[numbers[-1]]
+        known = self._alike.get(key)
+        if known is not None and known[0] is last:
+            return known[1]
+        by_width: dict[int, list[int]] = {}
+        for i in numbers:
+            by_width.setdefault(len(self.terms[i].columns), []).append(i)
+        groups = [
+            Alike(same, *(np.stack([getattr(self.terms[i], of) for i in same]) for of in ("columns", "centre")))
+            for same in by_width.values()
+        ]
+        self._alike[key] = last, groups
+        return groups
 
     def forget(self, term: Term) -> None:
         """Take the last term out."""

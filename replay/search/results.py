@@ -120,6 +120,8 @@ class Searched:
     rejected: tuple[Rejected, ...]
     visible: tuple[Visible, ...] = ()
     """What was not found, and from which size on it would have been."""
+    left_out: tuple[str, ...] = ()
+    """What was not tried, because it would have taken too long."""
 
 
 def summarise(walked: Walked) -> Searched:
@@ -145,6 +147,7 @@ def summarise(walked: Walked) -> Searched:
         found=tuple(found),
         rejected=_rejected(walked, set(names)),
         visible=visible(walked),
+        left_out=walked.left_out,
     )
 
 

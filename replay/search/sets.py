@@ -61,6 +61,8 @@ class Walked:
     """Log odds of the map of surfaces, beside the best set."""
     worse: frozenset[str] = frozenset()
     """Effects that were taken out because they raise the error of held-out time."""
+    left_out: tuple[str, ...] = ()
+    """What was not tried, because it would have taken too long."""
 
     def without(self, key: Key) -> Walked:
         """The best set less one term, weighed anew."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 
 from models.effects import Effect
@@ -29,6 +30,14 @@ WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
 EXCHANGE_LOSS = 60.0
 """An exchange that loses less than this (log) is grown by one more term: two may stand in place of one."""
+MOST_WORK, LONG_S = 8000.0, 600.0
+"""Work that a walk may do over flights of up to this time [s] together; over longer ones it grows with the time.
+
+Of the known flights one in a hundred needs more; a core does about 1200 a second.
+"""
+GROWING, SETTLING = 0.7, 0.9
+"""Shares of it after which sets stop to grow, and single effects to be exchanged."""
+LARGER = "larger sets of effects"
 BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
 
@@ -36,13 +45,53 @@ BETWEEN = 30.0
 def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     """Weigh sets of effects over all flights together."""
     evidence = Evidence(Library(records, effects))
+    account = Account(evidence, allowed(records))
     empty = evidence.fit([], evidence.unfitted())
     sets = Sets(evidence, {empty.key: empty})
+    _grown(sets, empty, MOST + MOST_A_FLIGHT * (len(records) - 1), account)
+    best = max(sets.fits.values(), key=lambda f: f.score)
+    for _ in range(3):
+        best = _sharpened(sets, _settled(sets, best, account))
+        _exchanged(sets, best, account)
+        known = best.key
+        best = canonical(list(sets.fits.values()))
+        if best.key <= known:
+            break
+    return Walked(evidence, sets.fits, sets.fits[best.key], left_out=tuple(account.left_out))
+
+
+def allowed(records: Sequence[Record]) -> float:
+    """How much work a walk over these flights may do."""
+    return MOST_WORK * max(sum(r.seconds for r in records) / LONG_S, 1.0)
+
+
+@dataclass
+class Account:
+    """The work that a walk may do, and what it had to leave out."""
+
+    evidence: Evidence
+    most: float
+    left_out: dict[str, None] = field(default_factory=dict)
+
+    def lasts(self, share: float, otherwise: str) -> bool:
+        """Whether less than this share of the work is done; else it is kept what was left out."""
+        if self.evidence.work < share * self.most:
+            return True
+        self.left_out[otherwise] = None
+        return False
+
+
+def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
+    """Sets of one term more, again and again, from the best ones."""
     beam = [empty]
-    for _ in range(MOST + MOST_A_FLIGHT * (len(records) - 1)):
+    for _ in range(most):
+        if not account.lasts(GROWING, LARGER):
+            break
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
             for term in _additions(sets, fit, TRIED):
+                if not account.lasts(GROWING, LARGER):
+                    break
                 new = _with(sets, fit, term)
                 if fit.score - BETWEEN < new.score <= fit.score:
                     new = _sharpened(sets, new, only=term.key)
@@ -53,15 +102,6 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         top = sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]
         polished = (_lighter(sets, _sharpened(sets, _reshaped(sets, fit))) for fit in top)
         beam = list({f.key: f for f in polished}.values())
-    best = max(sets.fits.values(), key=lambda f: f.score)
-    for _ in range(3):
-        best = _sharpened(sets, _settled(sets, best))
-        _exchanged(sets, best)
-        known = best.key
-        best = canonical(list(sets.fits.values()))
-        if best.key <= known:
-            break
-    return Walked(evidence, sets.fits, sets.fits[best.key])
 
 
 def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
@@ -149,11 +189,13 @@ def _lighter(sets: Sets, fit: Fit) -> Fit:
     return fit
 
 
-def _settled(sets: Sets, fit: Fit) -> Fit:
+def _settled(sets: Sets, fit: Fit, account: Account) -> Fit:
     """Exchange, add and take away one at a time until nothing is better."""
     for _ in range(6):
         best = fit
         for term in fit.terms:
+            if not account.lasts(SETTLING, "one effect in place of another"):
+                return best
             less = sets.weigh([t for t in fit.terms if t is not term], fit)
             tried = [less, *(_with(sets, less, other) for other in _additions(sets, less, 4))]
             best = max([best, *tried], key=lambda f: f.score)
@@ -165,7 +207,7 @@ def _settled(sets: Sets, fit: Fit) -> Fit:
     return fit
 
 
-def _exchanged(sets: Sets, fit: Fit) -> None:
+def _exchanged(sets: Sets, fit: Fit, account: Account) -> None:
     """Weigh one in place of two, and two in place of one, so that every alternative is known."""
 
     def others(gone: Sequence[Term], tried: int) -> list[Fit]:
@@ -173,8 +215,11 @@ def _exchanged(sets: Sets, fit: Fit) -> None:
         return [_with(sets, less, other) for other in _additions(sets, less, tried)]
 
     for pair in combinations(fit.terms, 2):
-        others(pair, 2)
+        if account.lasts(1.0, "one effect in place of two"):
+            others(pair, 2)
     for term in fit.terms:
+        if not account.lasts(1.0, "two effects in place of one"):
+            return
         for grown in others([term], 3):
             if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
                 for other in _additions(sets, grown, 2):

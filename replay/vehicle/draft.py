@@ -85,6 +85,8 @@ class Draft:
     assumed: tuple[Fact, ...] = ()
     doubts: tuple[str, ...] = ()
     """What of the logs is not believed."""
+    read: dict[Path, list[FlightLog]] = field(default_factory=dict, repr=False, compare=False)
+    """Logs that were read for it, for whoever needs them next: reading takes seconds."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -107,7 +109,8 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
 
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
-    logs = _flown(paths[:_LOGS], target_system, given.settings)
+    read: dict[Path, list[FlightLog]] = {}
+    logs = _flown(paths[:_LOGS], target_system, given.settings, read)
     parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
     logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
     if all(map(is_tandem, logs)):
@@ -135,7 +138,13 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
         raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
-    return Draft(vehicle, tuple(known), tuple(assumed), () if doubt is None else (doubt,))
+    return Draft(
+        vehicle=vehicle,
+        known=tuple(known),
+        assumed=tuple(assumed),
+        doubts=() if doubt is None else (doubt,),
+        read=read,
+    )
 
 
 def _misread(
@@ -177,13 +186,21 @@ def _without_speeds(
     return by_outputs, f"{doubt}; outputs are used instead of them"
 
 
-def _flown(paths: Sequence[Path], target_system: int | None, settings: Mapping[str, str]) -> list[FlightLog]:
-    """Of every log that can be read the first stretch in which it was armed, or the first one."""
+def _flown(
+    paths: Sequence[Path],
+    target_system: int | None,
+    settings: Mapping[str, str],
+    read: dict[Path, list[FlightLog]],
+) -> list[FlightLog]:
+    """Of every log that can be read the first stretch in which it was armed, or the first one.
+
+    What is read is kept in ``read``.
+    """
     out, problems = [], []
     for path in paths:
         try:
-            boots = load(path, target_system, settings)
-            parts = [part for log in boots for part in log.stretches()]
+            read[path] = load(path, target_system, settings)
+            parts = [part for log in read[path] for part in log.stretches()]
         except LogError as error:
             problems.append(error)
             continue

@@ -17,6 +17,8 @@ from models.vehicle import load_vehicle
 from replay import load
 from replay.cli import main
 from replay.flightlog import EscRecord, FlightLog, Series
+from replay.logs import tlog_flightlog
+from replay.logs.tlog_flightlog import read as read_log
 from replay.sources.choose import chosen
 from replay.vehicle.airframe import airframe
 from replay.vehicle.draft import Given, draft
@@ -195,6 +197,20 @@ def log(tmp_path):
 def answered(capsys, *arguments) -> dict:
     assert main(["diagnose", *map(str, arguments), "--json", "-"]) == 0
     return json.loads(capsys.readouterr().out)
+
+
+def test_a_log_is_read_once_for_draft_and_diagnosis(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "short.tlog"
+    write_tlog(path, quad_flight(20.0))
+    read: list[Path] = []
+
+    def counted(log: Path, target_system: int | None) -> list[FlightLog]:
+        read.append(log)
+        return read_log(log, target_system)
+
+    monkeypatch.setattr(tlog_flightlog, "read", counted)
+    answered(capsys, path)
+    assert read == [path]
 
 
 @pytest.mark.slow
