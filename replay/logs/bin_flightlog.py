@@ -267,7 +267,7 @@ def _servos(data: Dataflash) -> dict[int, Series]:
         series = motors.series(_channels(motors))
     if series is None:
         return {}
-    values = np.nan_to_num(series.values)
+    values = series.values
     for kind in ("RCO2", "RCO3"):
         more = data.of(kind)
         later = more.series(_channels(more))

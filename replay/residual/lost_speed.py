@@ -2,8 +2,8 @@
 
 Speeds follow outputs: omega = c f(u), with one c for each motor and f the mean of all motors before. A motor that
 stands, or turns far slower than its output asks, while the others follow theirs, gives no thrust; where the vehicle
-does not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives an
-armed motor was switched off.
+does not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives
+an armed motor was switched off.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Are logs as the field records them read right? Case, expectation and result, one line each.
 
 ``python tests/benchmarks/field_cases.py [--data DIR] [--only NAME] [--result FILE]`` runs ``replay info`` and ``replay
-diagnose`` on the cases of DIR (``NAME/input.*``, expected in ``measured/field_cases.toml``), and on the ones that
+diagnose`` on the cases of DIR (``NAME/input.*``, expected in ``field/cases.toml``), and on the ones that
 ``field_case_logs.py`` writes. Exit code 1 where an answer is wrong. Where DIR is absent, its cases are left out.
 """
 
@@ -27,7 +27,7 @@ from models.frames import Array
 from replay import load
 
 DATA = ROOT.parent / "shared" / "data" / "cases"
-TABLE = Path(__file__).parent / "measured" / "field_cases.toml"
+TABLE = Path(__file__).parent / "field" / "cases.toml"
 MOST_S = 300.0
 
 

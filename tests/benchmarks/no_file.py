@@ -3,7 +3,7 @@
 ``python tests/benchmarks/no_file.py LOG... [--table TABLE] [--result FILE]``. An answer is exit code 0; a log without
 the needed messages is refused with 3. The time is of the whole command, on the wall.
 
-TABLE (``measured/public_logs.toml``) says what the parameters of a log, by its name, say of the vehicle, and which
+TABLE (``field/public_logs.toml``) says what the parameters of a log, by its name, say of the vehicle, and which
 reason for a refusal is true. Where a draft or a reason is another one, it is said, and the exit code is 1.
 """
 

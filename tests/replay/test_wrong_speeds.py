@@ -13,6 +13,7 @@ from models.vehicle import Vehicle, load_vehicle
 from models.vehicle_setup.rotor_speed import Hover, misread
 from replay.flightlog import EscRecord, FlightLog, Series
 from replay.residual.record import Record, build_record
+from replay.sources.choose import chosen
 from replay.vehicle.draft import Given, draft
 from tests.benchmarks.log_writers import quad_flight, write_tlog
 from tests.replay.rigid_flight import Motion, fly, logged
@@ -139,7 +140,7 @@ def test_escs_that_are_numbered_by_motor_are_right(flown: Motion, vehicle: Vehic
     for motor, output in wired.items():
         values[:, output - 1] = log.servo.values[:, motor - 1]
     parameters = {f"SERVO{output}_FUNCTION": 32.0 + motor for motor, output in wired.items()}
-    moved = replace(log, servo=Series(log.servo.t_s, values), parameters=parameters)
+    moved = chosen(replace(log, servo_ports={0: Series(log.servo.t_s, values)}, parameters=parameters))
     assert "numbers of other motors" not in said(build_record(moved, vehicle, None))
 
 
