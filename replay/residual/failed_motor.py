@@ -66,6 +66,10 @@ CHANCE_OF_FALL = 0.2
 """And that it is why one turns over within seconds."""
 SURE, APART = 4.6, 4.6
 """Log odds of a failure against none, and of one motor against another, from which on they are said: 100 to 1."""
+WORST_MISFIT = 2.5
+"""Mean square over the variance above which a loss does not explain what follows."""
+PART_S, RECOVERS = 0.5, 2.0
+"""Parts of what follows, and log likelihood by which one may be better without the loss."""
 SLOWEST_GYRO_HZ = 9.0
 """A gyro from which on three samples are three."""
 _GAINS = np.exp(np.linspace(-1.0, 1.0, 9))
@@ -229,8 +233,27 @@ class _Compared:
         return float(self.lost.max()) - max(self.none, self.pushed, self.struck)
 
 
-def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int) -> _Compared | None:
-    """Rows ``begin`` to ``end`` against ``start`` to ``begin``, which are as before under all of these."""
+@dataclass(frozen=True, kw_only=True)
+class _After:
+    """Rows after a beginning: what is left without a failure (gains, n, 3), its variances, and the rows' numbers."""
+
+    rows: NDArray[np.int_]
+    left: Array
+    var: Array
+    slow: Array
+    earlier: Array
+    """Log likelihood (gains,) of the rows before."""
+    ramp: Array
+    doubt: Array
+
+    def of_motor(self, signals: _Signals, k: int) -> tuple[Array, Array]:
+        """What motor ``k`` is declared to give (gains, n, 3), and the variance (n, 3) beside its loss."""
+        given = signals.by_fan[self.rows, k] * self.ramp[:, None]
+        return _BY_AXIS[:, None] * given[None], self.var + (self.doubt[:, None] * given) ** 2
+
+
+def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -> _After | None:
+    """Rows ``begin`` to ``end`` about the level of ``start`` to ``begin``; None where there are too few."""
     before = np.flatnonzero(signals.good[start:begin]) + start
     after = np.flatnonzero(signals.good[begin:end]) + begin
     if len(before) < 0.5 * BEFORE_S / signals.step_s or len(after) < FEWEST:
@@ -240,30 +263,69 @@ def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: 
     moved = signals.measured[after] - level_a
     asked = signals.declared[after] - level_m
     faster = np.linalg.norm(signals.velocity[after] - signals.velocity[before].mean(axis=0), axis=1)
-    var = noise.fast**2 + signals.doubt[after] ** 2 + (0.5 * BY_SPEED * faster[:, None]) ** 2
-    slow = noise.slow**2 + COMMON**2 + (BY_SPEED * float(np.sqrt((faster**2).mean()))) ** 2
-    earlier = _before(signals, noise, before, level_a, level_m)
-    prior = prior + earlier
-    left = moved[None] - _BY_AXIS[:, None] * asked[None]
-    none = _evidence(left, var, slow) + prior
-    wide = np.array([PUSHED, PUSHED, PUSHED]) ** 2
-    pushed = _evidence(left, var, slow + wide) + prior
-    struck = _evidence(left, var + STRUCK**2, slow) + prior
     ramp = np.ones(len(after))
     ramp[: len(RAMP)] = RAMP
     doubt = np.zeros(len(after))
     doubt[: len(RAMP)] = RAMP_DOUBT
-    lost, shares = [], []
+    return _After(
+        rows=after,
+        left=moved[None] - _BY_AXIS[:, None] * asked[None],
+        var=noise.fast**2 + signals.doubt[after] ** 2 + (0.5 * BY_SPEED * faster[:, None]) ** 2,
+        slow=noise.slow**2 + COMMON**2 + (BY_SPEED * float(np.sqrt((faster**2).mean()))) ** 2,
+        earlier=_before(signals, noise, before, level_a, level_m),
+        ramp=ramp,
+        doubt=doubt,
+    )
+
+
+def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int) -> _Compared | None:
+    """Rows ``begin`` to ``end`` against ``start`` to ``begin``, which are as before under all of these."""
+    after = _after(signals, noise, start, begin, end)
+    if after is None:
+        return None
+    prior = prior + after.earlier
+    wide = after.slow + PUSHED**2
+    none = _evidence(after.left, after.var, after.slow) + prior
+    pushed = _evidence(after.left, after.var, wide) + prior
+    struck = _evidence(after.left, after.var + STRUCK**2, after.slow) + prior
+    lost = []
+    shares = []
     for k in range(signals.by_fan.shape[1]):
-        of_motor = signals.by_fan[after, k] * ramp[:, None]
-        unsure = var + (doubt[:, None] * of_motor) ** 2
-        gone = _BY_AXIS[:, None] * of_motor[None]
-        share = _share(left, gone, unsure, slow)
-        rest = left + share[:, None, None] * gone
-        each = _evidence(rest, unsure, slow) + prior
+        gone, var = after.of_motor(signals, k)
+        share = _share(after.left, gone, var, after.slow)
+        rest = after.left + share[:, None, None] * gone
+        each = _evidence(rest, var, after.slow) + prior
         lost.append(_sum(each))
         shares.append(float(share[int(each.argmax())]))
     return _Compared(np.array(lost), np.array(shares), _sum(none), _sum(pushed), _sum(struck))
+
+
+def _stands(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int, k: int) -> bool:
+    """Whether the loss explains what follows: all of it within its noise, and no part better without it.
+
+    A motor that failed does not recover; what does was a manoeuvre, or a blow.
+    """
+    after = _after(signals, noise, start, begin, end)
+    if after is None:
+        return False
+    gone, var = after.of_motor(signals, k)
+    share = _share(after.left, gone, var, after.slow)
+    rest = after.left + share[:, None, None] * gone
+    each = _evidence(rest, var, after.slow) + after.earlier + prior
+    best = int(each.argmax())
+    misfit = float((rest[best] ** 2 / (var + after.slow)).mean())
+    if misfit > WORST_MISFIT:
+        return False
+    without = _evidence(after.left, after.var, after.slow) + after.earlier + prior
+    free = int(without.argmax())
+    part = max(round(PART_S / signals.step_s), FEWEST)
+    for first in range(0, len(after.rows), part):
+        rows = slice(first, first + part)
+        mine = _evidence(rest[best : best + 1, rows], var[rows], after.slow)
+        others = _evidence(after.left[free : free + 1, rows], after.var[rows], after.slow)
+        if float(others[0] - mine[0]) > RECOVERS:
+            return False
+    return True
 
 
 def _before(signals: _Signals, noise: _Noise, rows: NDArray[np.int_], level_a: Array, level_m: Array) -> Array:
@@ -372,6 +434,8 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     if odds < SURE or len(close) > 2:
         return None
     at = int(lost[:, first].argmax())
+    if not _stands(signals, noise, prior, start, rows[at], end, first):
+        return None
     return Failure(
         fans=tuple(sorted(close)),
         since_s=float(signals.time_s[rows[at]]),

@@ -1,9 +1,15 @@
 """A rotor whose speed leaves its output from a time on: it stops, or its ESC has lost step; or telemetry was lost.
 
 Speeds follow outputs: omega = c f(u), with one c for each motor and f the mean of all motors before. A motor that
+<<<<<<< HEAD
 stands, or turns far slower than its output asks, while the others follow theirs, gives no thrust; where the vehicle
 does not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives
 an armed motor was switched off.
+=======
+stands, or turns far slower than its output asks, while the others follow theirs, gives no thrust; where the vehicle does
+not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives an
+motor in flight was switched off.
+>>>>>>> k-fails
 """
 
 from __future__ import annotations
@@ -35,8 +41,10 @@ FASTER_S = 0.3
 """Of a rotor that turns faster: longer than a motor takes to slow down."""
 FLOWN_S = 5.0
 """Flight before, by which the law of speed over output is known."""
-BELOW_IDLE = 0.03
-"""Share of the range of outputs below the least that any armed motor had before."""
+BELOW = 0.5
+"""Share of MOT_SPIN_MIN below which no autopilot drives a motor in flight."""
+ARDUPILOT = 3
+"""MAV_AUTOPILOT."""
 
 
 @dataclass(frozen=True)
@@ -117,31 +125,26 @@ def _lagged(x: Array, samples: float) -> Array:
 
 
 def switched_off(log: FlightLog, ctx: Context, flying: Mask, until_s: float) -> Lost | None:
-    """The first motor whose output falls below any armed motor's, before ``until_s``, while the others fly on."""
-    if log.servo is None or not log.armed or not flying.any():
+    """The first motor whose output falls below what ArduPilot gives one in flight, while the others fly on.
+
+    In flight that is MOT_SPIN_MIN of the range of pulses at least (AP_MotorsMulticopter::output_to_pwm).
+    """
+    least = log.parameters.get("MOT_SPIN_MIN", 0.0)
+    low_us = log.parameters.get("MOT_PWM_MIN", 0.0)
+    range_us = log.parameters.get("MOT_PWM_MAX", 0.0) - low_us
+    if log.autopilot != ARDUPILOT or least <= 0.0 or low_us <= 0.0 or range_us <= 0.0:
         return None
     columns = [(rotor.servo or rotor.esc or 1) - 1 for rotor in ctx.vehicle.rotors]
     if max(columns) >= ctx.state.servo_us.shape[1]:
         return None
     t = ctx.state.time_s
-    outputs = ctx.state.servo_us[:, columns]
-    armed = np.logical_or.reduce([(t >= i.start_s) & (t <= i.end_s) for i in log.armed])
-    take_off = int(np.argmax(flying))
-    idle = armed & (np.arange(len(t)) < take_off)
-    idle_rows = np.isfinite(outputs).all(axis=1) & idle
-    if idle_rows.sum() < 5:
-        return None
-    # The last second on the ground: an output at arming may still be that of a disarmed motor.
-    least = float(np.median(outputs[idle_rows][-10:].min(axis=1)))
-    top = float(np.nanmax(outputs))
-    margin = BELOW_IDLE * (top - least)
-    with np.errstate(invalid="ignore"):
-        off = (outputs < least - margin) & (flying & (t < until_s))[:, None]
-    rate = 1.0 / float(np.median(np.diff(t)))
-    count = max(round(LASTS_S * rate), 2)
-    for k in range(outputs.shape[1]):
-        others = np.delete(outputs, k, axis=1)
-        alone = off[:, k] & (np.median(others, axis=1) > least + margin)
+    share = (ctx.state.servo_us[:, columns] - low_us) / range_us
+    count = max(round(LASTS_S / float(np.median(np.diff(t)))), 2)
+    aloft = flying & (t < until_s)
+    for k in range(share.shape[1]):
+        others = np.delete(share, k, axis=1)
+        with np.errstate(invalid="ignore"):
+            alone = (share[:, k] < BELOW * least) & (others.min(axis=1) > BELOW * least) & aloft
         lasting = np.convolve(alone.astype(float), np.ones(count), "valid") > count - 0.5
         if lasting.any():
             return Lost(k, float(t[int(np.argmax(lasting))]), faster=False)

@@ -102,7 +102,7 @@ def _switched_off(at: _At, off: Lost) -> LogFault:
     fan = at.ctx.vehicle.rotor_fan[off.rotor]
     output = _output(at.ctx.vehicle, fan)
     named = f"motor {fan + 1}{_where(at.ctx.vehicle, fan, output)}"
-    what = f"{named} is switched off from {at.since_s:.1f} s on: its output falls below that of an armed motor"
+    what = f"{named} is switched off from {at.since_s:.1f} s on: its output falls below what a motor gets in flight"
     return LogFault(f"servo_{output}", what, since_s=at.since_s, motors=(fan + 1,))
 
 
