@@ -1,15 +1,9 @@
 """A rotor whose speed leaves its output from a time on: it stops, or its ESC has lost step; or telemetry was lost.
 
 Speeds follow outputs: omega = c f(u), with one c for each motor and f the mean of all motors before. A motor that
-<<<<<<< HEAD
 stands, or turns far slower than its output asks, while the others follow theirs, gives no thrust; where the vehicle
 does not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives
-an armed motor was switched off.
-=======
-stands, or turns far slower than its output asks, while the others follow theirs, gives no thrust; where the vehicle does
-not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives an
-motor in flight was switched off.
->>>>>>> k-fails
+a motor in flight was switched off.
 """
 
 from __future__ import annotations
