@@ -17,7 +17,7 @@ from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Ef
 from models.frames import Array
 
 USUAL_RAD, MOST_RAD = 0.0175, 0.07
-"""Standard deviation of a tilt, one degree, and four degrees: a vehicle flown by that frame would drift by 0.7 m/s^2."""
+"""Standard deviation of a tilt, one degree; four degrees: a vehicle flown by that frame would drift by 0.7 m/s^2."""
 
 
 def tilted_thrust(ctx: Context) -> tuple[Array, Array]:
