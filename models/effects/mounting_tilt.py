@@ -16,8 +16,8 @@ import numpy as np
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
 from models.frames import Array
 
-USUAL_RAD, MOST_RAD = 0.02, 0.087
-"""Standard deviation of a tilt, 1.1 degrees, and five degrees: more is seen when the frame is set."""
+USUAL_RAD, MOST_RAD = 0.0175, 0.07
+"""Standard deviation of a tilt, one degree; four degrees: a vehicle flown by that frame would drift by 0.7 m/s^2."""
 
 
 def tilted_thrust(ctx: Context) -> tuple[Array, Array]:
@@ -61,6 +61,6 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("wind", "rotor_drag"),
     in_flight=NOT_FLOWN,
-    chance=0.3,
+    chance=0.1,
     shown=Shown(in_words=_words),
 )
