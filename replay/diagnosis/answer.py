@@ -152,6 +152,7 @@ class Diagnosis(Searched):
                     {"what": v.what, "axes": v.axes, "least": v.least, "unit": v.unit, "parameter": v.coefficient}
                     for v in self.could_have_seen
                 ],
+                "left_out": self.left_out,
                 "rejected": [asdict(r) for r in self.rejected],
                 "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
                 "excluded": [{"log": r.name, **asdict(e)} for r in self.records for e in r.excluded],
