@@ -26,6 +26,8 @@ BEAM = 5
 """Sets that are carried on."""
 TRIED = 6
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
+SHAPES = 6
+"""Shapes of an addition that are weighed in full: of those that became an answer, none came later than the fourth."""
 WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
 EXCHANGE_LOSS = 60.0
@@ -146,8 +148,9 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
         if likely[other] > WORTH_A_LOOK and evidence.possible(together) > least:
             odds[other] = likely[other] + evidence.deserved(together, fit.noise, least)
             best = max(best, odds[other])
-    for other in (t for t, o in odds.items() if o > best - ALIAS_NATS):
-        new = sets.weigh([*fit.terms, other], fit)
+    for other in sorted(odds, key=lambda t: -odds[t])[:SHAPES]:
+        if odds[other] > best - ALIAS_NATS:
+            new = sets.weigh([*fit.terms, other], fit)
     return new
 
 
