@@ -431,7 +431,8 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     mine = float(by_fan[first]) + rare - float(np.log(len(by_fan)))
     odds = mine - max(none, other + rare)
     close = [int(k) for k in order if by_fan[first] - by_fan[k] < APART]
-    if odds < SURE or len(close) > 2:
+    # Where a flight lacks what the comparison needs, the odds are no number.
+    if not odds >= SURE or not 1 <= len(close) <= 2:
         return None
     at = int(lost[:, first].argmax())
     if not _stands(signals, noise, prior, start, rows[at], end, first):
