@@ -135,6 +135,8 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = sets.evidence
+    if len(evidence.library.numbers_of[term.key]) == 1:
+        return new
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
     likely: dict[Term, float] = {}
     for i in evidence.library.numbers_of[term.key]:
