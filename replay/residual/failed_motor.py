@@ -46,7 +46,7 @@ LATE_S = 0.03
 BY_SPEED = np.array([0.01, 0.01, 0.045])
 """By which moments and lift change with the speed [1 / (m/s)]: flapping, and inflow at a tip speed of 100 m/s."""
 COMMON, BENT = np.array([0.0, 0.0, 0.06]), 0.1
-"""What all rotors lose together is no motor's: a pack that sags, a climb (of the lift); and the curve's slope."""
+"""What all rotors lose together is no motor's: a pack that sags, a climb (lift); and the thrust curve's slope."""
 LEAST_NOISE = np.array([0.004, 0.004, 0.01])
 """Of roll, pitch and lift: no vehicle is steadier over seconds."""
 RAMP, RAMP_DOUBT = np.array([0.35, 0.85]), 0.3
@@ -64,8 +64,10 @@ CHANCE = 0.01
 """Prior probability that a motor fails in a flight that is asked about."""
 CHANCE_OF_FALL = 0.2
 """And that it is why one turns over within seconds."""
-SURE, APART = 4.6, 4.6
-"""Log odds of a failure against none, and of one motor against another, from which on they are said: 100 to 1."""
+SURE, APART = 3.0, 4.6
+"""Log odds of a failure against none, and of one motor against another, to be said: 20 and 100 to 1."""
+DRIFTS_S = 0.5
+"""Over which what is left of a flight hangs together."""
 WORST_MISFIT = 2.5
 """Mean square over the variance above which a loss does not explain what follows."""
 PART_S, RECOVERS = 0.5, 2.0
@@ -267,10 +269,15 @@ def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -
     ramp[: len(RAMP)] = RAMP
     doubt = np.zeros(len(after))
     doubt[: len(RAMP)] = RAMP_DOUBT
+    var = noise.fast**2 + signals.doubt[after] ** 2 + (0.5 * BY_SPEED * faster[:, None]) ** 2
+    # What is left drifts: late samples repeat each other, and are off by as much as stretches of this flight differ.
+    age_s = (after - begin) * signals.step_s
+    drift = np.minimum(age_s / DRIFTS_S, 1.0)
+    var = var + (drift[:, None] * noise.slow) ** 2
     return _After(
         rows=after,
         left=moved[None] - _BY_AXIS[:, None] * asked[None],
-        var=noise.fast**2 + signals.doubt[after] ** 2 + (0.5 * BY_SPEED * faster[:, None]) ** 2,
+        var=var,
         slow=noise.slow**2 + COMMON**2 + (BY_SPEED * float(np.sqrt((faster**2).mean()))) ** 2,
         earlier=_before(signals, noise, before, level_a, level_m),
         ramp=ramp,
@@ -424,7 +431,8 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     none = _sum(np.array([compared.none for compared in found]))
     other = max(_sum(np.array([getattr(c, name) for c in found])) for name in ("pushed", "struck"))
     windows = max(signals.flying.sum() * signals.step_s / AFTER_S, 1.0)
-    falls = signals.over[begins[0] : end + 1].any()
+    soon = begins[-1] + round(AFTER_S / signals.step_s)
+    falls = signals.over[begins[0] : min(end, soon) + 1].any()
     rare = float(np.log(CHANCE_OF_FALL if falls else CHANCE / windows))
     order = np.argsort(by_fan)[::-1]
     first = int(order[0])

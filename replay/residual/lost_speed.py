@@ -1,9 +1,9 @@
 """A rotor whose speed leaves its output from a time on: it stops, or its ESC has lost step; or telemetry was lost.
 
-Speeds follow outputs: omega = c f(u), with one c for each motor and f the mean of all motors before. A motor that
-stands, or turns far slower than its output asks, while the others follow theirs, gives no thrust; where the vehicle
-does not answer that, its telemetry was lost instead. A motor whose output itself falls below what the autopilot gives
-a motor in flight was switched off.
+Speeds follow outputs: omega^2 = c f(u), with one c for each motor and one parabola f for all. A motor that stands, or
+turns far slower than its output asks, while the others follow theirs, gives no thrust; where its output does not rise,
+its telemetry was lost instead. A motor whose output falls below what the autopilot gives one in flight was switched
+off.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     first = np.flatnonzero(known)
     if len(first) < 2.0 * FLOWN_S * rate:
         return None
-    # A law of all motors and of the whole log, idle on the ground included: what fails is one of many, and late.
+    # A law of all motors and of the whole log, idle on the ground included: one that fails is one of many, and late.
     seen = np.isfinite(outputs).all(axis=1) & np.isfinite(rpm).all(axis=1) & (ctx.state.time_s < until_s)
     turning = seen & (rpm > 0.0).all(axis=1)
     if not turning.any():

@@ -18,6 +18,8 @@ from replay.residual.motion import Trajectory
 
 WITHIN_S = 1.0
 """After a beginning, in which output and turning are described."""
+BEFORE_S, ANSWERS = 0.3, 0.15
+"""So long before a beginning the outputs are still as usual; and by which share of them above idle one rises."""
 ALL_LOST = 0.85
 """Share of the thrust from which on it is all lost: what is left cannot be told from none."""
 TURNS_RAD_S = 0.3
@@ -111,6 +113,9 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
     number = _output(at.ctx.vehicle, fan)
     named = f"motor {fan + 1}{_where(at.ctx.vehicle, fan, number)}"
     speed = float(np.nanmedian(at.ctx.state.rpm[at.seconds, lost.rotor]))
+    if not lost.faster and not _answered(at, number):
+        what = f"falls to {speed:.0f} rpm from {at.since_s:.1f} s on and its output does not answer: telemetry is lost"
+        return LogFault(f"rpm_{number}", what, since_s=at.since_s)
     if lost.faster:
         how = f"turns without load from {at.since_s:.1f} s on ({speed:.0f} rpm): its propeller is gone"
     elif speed < 0.05 * float(np.nanmedian(at.ctx.state.rpm)):
@@ -118,6 +123,19 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
     else:
         how = f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it stalls, or lost step"
     return LogFault(f"rpm_{number}", named + " " + how + _signs(at, fan), since_s=at.since_s, motors=(fan + 1,))
+
+
+def _answered(at: _At, output: int) -> bool:
+    """Whether the autopilot drives a motor harder after a beginning, as it does where thrust is lost."""
+    t = at.motion.grid.t
+    pulses = at.ctx.state.servo_us[:, output - 1]
+    before = pulses[(t > at.since_s - WITHIN_S) & (t < at.since_s - BEFORE_S)]
+    after = pulses[at.seconds]
+    if not np.isfinite(before).any() or not np.isfinite(after).any():
+        return False
+    usual = float(np.nanmedian(before))
+    idle = float(np.nanmin(pulses))
+    return float(np.nanmax(after)) - usual > ANSWERS * max(usual - idle, 1.0)
 
 
 def _no_thrust(at: _At, failure: Failure) -> LogFault:

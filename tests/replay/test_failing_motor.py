@@ -1,0 +1,116 @@
+"""A motor that fails in flight is named with its time; what is no failure names none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.vehicles import chosen_vehicle
+from replay.flightlog import FlightLog, LogFault, ParameterChange, Series
+from replay.logs.formats import load
+from replay.residual.record import build_record
+from tests.simulators.failing import cases, craft, tlog, world
+
+BOOT_S = 30.0
+SINCE_S = 22.0
+KINDS: Mapping[str, tuple[tuple[int, ...], float]] = {
+    "stopped": ((4,), 1.0),
+    "thrown": ((2,), 1.0),
+    "partial": ((1,), 0.6),
+    "ordinary": ((), 1.0),
+    "dive": ((), 6.0),
+    "flip": ((), 5.0),
+    "drop": ((), 0.25),
+}
+"""Motors and size by kind."""
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Logs and vehicle files of one flight of each kind."""
+
+    folder: Path
+
+    def log(self, kind: str, *, speeds: bool) -> FlightLog:
+        return next(iter(load(self.folder / f"{_name(kind, speeds=speeds)}.tlog", None, {})))
+
+    def faults(self, log: FlightLog, kind: str, *, speeds: bool) -> list[LogFault]:
+        vehicle = chosen_vehicle(self.folder / f"{_name(kind, speeds=speeds)}.toml")
+        return [fault for fault in build_record(log, vehicle, None).faults if fault.since_s is not None]
+
+
+def _name(kind: str, *, speeds: bool) -> str:
+    return f"{kind}_{'speeds' if speeds else 'outputs'}"
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> Flights:
+    rng = np.random.default_rng(3)
+    folder = tmp_path_factory.mktemp("failing")
+    crafts = [craft.draw("quad-x", rng) for _ in KINDS]
+    flown = [
+        cases.Case(kind=kind, motors=motors, since_s=SINCE_S, size=size, end_s=SINCE_S + 6.0, height_m=(12.0, 20.0))
+        for kind, (motors, size) in KINDS.items()
+    ]
+    tape = world.fly(crafts, flown, rng)
+    for i, (vehicle, case) in enumerate(zip(crafts, flown, strict=True)):
+        for speeds in (False, True):
+            own = folder / f"{_name(case.kind, speeds=speeds)}.tlog"
+            tlog.write(own, vehicle, case, tape, i, 3, speeds=speeds, rates=tlog.Rates())
+            text = craft.vehicle_toml(vehicle, rng, speeds=speeds)
+            own.with_suffix(".toml").write_text(text, encoding="utf-8")
+    return Flights(folder)
+
+
+@pytest.mark.parametrize("speeds", [False, True], ids=["outputs", "speeds"])
+@pytest.mark.parametrize("kind", ["stopped", "thrown", "partial"])
+def test_the_motor_and_the_time_are_named(flights: Flights, kind: str, speeds: bool) -> None:
+    log = flights.log(kind, speeds=speeds)
+    first = flights.faults(log, kind, speeds=speeds)[0]
+    assert first.motors == KINDS[kind][0]
+    assert first.since_s == pytest.approx(BOOT_S + SINCE_S, abs=0.5)
+    assert f"motor {first.motors[0]} (" in first.what
+
+
+@pytest.mark.parametrize("speeds", [False, True], ids=["outputs", "speeds"])
+@pytest.mark.parametrize("kind", ["ordinary", "dive", "flip", "drop"])
+def test_where_none_fails_none_is_named(flights: Flights, kind: str, speeds: bool) -> None:
+    log = flights.log(kind, speeds=speeds)
+    assert flights.faults(log, kind, speeds=speeds) == []
+
+
+def test_the_words_say_place_output_and_what_the_vehicle_does(flights: Flights) -> None:
+    first = flights.faults(flights.log("stopped", speeds=False), "stopped", speeds=False)[0]
+    assert first.what.startswith("motor 4 (rear right, output 4) gives no thrust from ")
+    assert "its output rises to 2000 us" in first.what
+    assert first.as_json()["motors"] == [4]
+
+
+def test_a_speed_that_is_lost_while_the_vehicle_flies_on_is_telemetry(flights: Flights) -> None:
+    log = flights.log("ordinary", speeds=True)
+    rpm = log.escs[2].rpm
+    assert rpm is not None
+    gone = np.where(rpm.t_s[:, None] > BOOT_S + SINCE_S, 0.0, rpm.values)
+    quiet = replace(log.escs[2], rpm=Series(rpm.t_s, gone, rpm.source))
+    lost = replace(log, escs={**log.escs, 2: quiet})
+    (fault,) = flights.faults(lost, "ordinary", speeds=True)
+    assert fault.motors == ()
+    assert "telemetry is lost" in fault.what
+
+
+def test_an_output_that_a_parameter_takes_away_is_named_with_it(flights: Flights) -> None:
+    log = flights.log("ordinary", speeds=False)
+    change = ParameterChange(BOOT_S + SINCE_S, "SERVO3_FUNCTION", 35.0, 1.0)
+    (fault,) = flights.faults(replace(log, parameter_changes=(change,)), "ordinary", speeds=False)
+    assert fault.motors == (3,)
+    assert "SERVO3_FUNCTION was set to 1" in fault.what
+
+
+def test_exchanged_places_are_not_told_apart_where_the_order_is_unknown(flights: Flights) -> None:
+    log = flights.log("stopped", speeds=False)
+    vehicle = replace(chosen_vehicle(flights.folder / "stopped_outputs.toml"), assumed=("order",))
+    assert [fault for fault in build_record(log, vehicle, None).faults if fault.motors] == []
