@@ -95,8 +95,8 @@ def held_down(ctx: Context, motion: Trajectory) -> tuple[Mask, Mask]:
     if not turning.any():
         return turning, held
     seen = _seen(lift, turning, motion, ctx.state.pressure_pa)
-    for start, end in _held_times(seen):
-        held |= (motion.grid.t >= start) & (motion.grid.t <= end)
+    latest = np.searchsorted(seen.t, motion.grid.t, side="right") - 1
+    held = _held(seen)[np.maximum(latest, 0)]
     return turning, held & turning
 
 
@@ -143,28 +143,39 @@ def _risen(turning: Mask, down: Array, pressure: Array) -> Array:
     return np.asarray(np.minimum(down[first] - down, by_pressure))
 
 
-def _held_times(seen: _Seen) -> list[tuple[float, float]]:
-    """Begin and end [s] of what is held: single windows, and whole runs of the rotors."""
-    out = []
+def _held(seen: _Seen) -> Mask:
+    """Samples (m,) that are held, by the windows around them and by whole runs of the rotors.
+
+    Half of the windows that hold a sample have to say so: one that begins in the air and ends on the ground does not
+    make the descent a standstill.
+    """
     runs = _runs(seen)
-    windows = [w for run in runs for w in _windows(seen, run)]
-    answers = [_answer(seen, w) for w in windows]
+    windows = [window for run in runs for window in _windows(seen, run)]
+    answers = [_answer(seen, window) for window in windows]
+    asked = np.zeros(len(seen.t))
+    said = np.zeros(len(seen.t))
     for window, answer in zip(windows, answers, strict=True):
         still = answer.tilt_deg < STILL_DEG
         calm = answer.tilt_deg < CALM_DEG
-        if not answer.flies and (still or (calm and answer.ignores_lift)):
-            out.append(_span(seen, window))
+        asked[window] += 1.0
+        said[window] += not answer.flies and (still or (calm and answer.ignores_lift))
+    held = (said > 0.0) & (2.0 * said >= asked)
     for group in _groups(seen, runs):
-        together = np.concatenate(group)
-        inside = [a for w, a in zip(windows, answers, strict=True) if np.isin(w, together).all()]
-        whole = _answer(seen, together)
-        tilts = [a.tilt_deg for a in inside] or [np.inf]
-        still = float(np.median(tilts)) < USUALLY_STILL_DEG
-        ignoring = np.mean([a.ignores_lift for a in inside] or [False]) > MOSTLY
-        carried = bool(ignoring) and whole.speed < CARRIED_M_S
-        if not whole.flies and (still or carried):
-            out += [_span(seen, run) for run in group]
-    return out
+        if _all_held(seen, group, windows, answers):
+            held[np.concatenate(group)] = True
+    return np.asarray(held)
+
+
+def _all_held(seen: _Seen, group: list[Array], windows: list[Array], answers: list[_Answer]) -> bool:
+    """Whether some runs are of a vehicle that is held all the time."""
+    together = np.concatenate(group)
+    inside = [a for w, a in zip(windows, answers, strict=True) if np.isin(w, together).all()]
+    whole = _answer(seen, together)
+    tilts = [a.tilt_deg for a in inside] or [np.inf]
+    still = float(np.median(tilts)) < USUALLY_STILL_DEG
+    ignoring = np.mean([a.ignores_lift for a in inside] or [False]) > MOSTLY
+    carried = bool(ignoring) and whole.speed < CARRIED_M_S
+    return not whole.flies and (still or carried)
 
 
 def _runs(seen: _Seen) -> list[Array]:
@@ -229,10 +240,6 @@ def _step(seen: _Seen) -> float:
 
 def _seconds(seen: _Seen, rows: Array) -> float:
     return len(rows) * _step(seen)
-
-
-def _span(seen: _Seen, rows: Array) -> tuple[float, float]:
-    return float(seen.t[rows[0]]), float(seen.t[rows[-1]])
 
 
 def _mean(x: Array, rate: float) -> Array:
