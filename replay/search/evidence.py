@@ -127,7 +127,7 @@ class Evidence:
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
-        rest = [channel.rows[0] for channel in self.library.channels]
+        rest = [np.stack([channel.rows[0] for channel in axes]) for axes in self.library.flights]
         return self._noise(rest, self._energies(rest), np.zeros(len(self.library.channels)))
 
     @cached_property
@@ -269,9 +269,9 @@ class Evidence:
 
     def _energies(self, rest: Sequence[Array]) -> Array:
         """Sum of squares of the innovations of every channel by every spectrum, (channels, spectra)."""
-        parts = zip(rest, self.library.channels, strict=True)
-        energies = [whitened_energies(self._filters, e, channel.run) for e, channel in parts]
-        return np.array(energies).reshape(-1, len(self.spectra))
+        flights = zip(rest, self.library.flights, strict=True)
+        energies = [whitened_energies(self._filters, e, axes[0].run) for e, axes in flights]
+        return np.concatenate([np.empty((0, len(self.spectra))), *energies])
 
     def _noise(self, rest: Sequence[Array], energies: Array, form: Array) -> Noise:
         """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor.
@@ -279,7 +279,7 @@ class Evidence:
         The least n log s^2 + E / s^2 + log det R of those with a slow share up to FITTED_SHARE: E ``energies``.
         """
         counts = self._counts[:, None]
-        raw = np.array([e @ e for e in rest]) / self._counts
+        raw = np.concatenate([np.empty(0), *((e**2).sum(axis=1) for e in rest)]) / self._counts
         variance = self._variance(energies, np.maximum(raw, form))
         cost = counts * np.log(variance) + energies / variance + self._det
         best = np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf), axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate, zip_longest
+from itertools import accumulate, groupby, zip_longest
 
 import numpy as np
 
@@ -77,6 +77,8 @@ class Library:
         self._trims: list[tuple[int, Array]] = []
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
+        self.flights = [list(axes) for _, axes in groupby(self.channels, key=lambda c: c.flight)]
+        """The channels of every flight that has some: they share its time, and are worked on together."""
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self.numbers_of: dict[Key, list[int]] = {}
         """Numbers of the terms with a key: one effect in all its shapes."""
@@ -346,13 +348,23 @@ class Design:
         """(terms, k) which columns are whose."""
 
     @cached_property
-    def acting(self) -> list[tuple[Columns, Array]]:
-        """Of every channel the numbers of the columns that act on it (m,), among those of the set, and these (m, n)."""
+    def _acting(self) -> list[list[tuple[Columns, Array]]]:
+        """Of every axis of every flight the columns that act on it, by their numbers (m,), and their rows (m, n)."""
+        return [[self._on(channel) for channel in axes] for axes in self.library.flights]
+
+    def _on(self, channel: ResidualChannel) -> tuple[Columns, Array]:
+        rows = channel.where[self.columns]
+        on = np.flatnonzero(rows >= 0)
+        return on, channel.rows[rows[on]]
+
+    def times(self, b: Array) -> list[Array]:
+        """What rows of coefficients (m, k) do on every flight, (axes, m, n)."""
         out = []
-        for c in self.library.channels:
-            local = c.where[self.columns]
-            on = np.flatnonzero(local >= 0)
-            out.append((on, c.rows[local[on]]))
+        for axes in self._acting:
+            done = np.empty((len(axes), len(b), axes[0][1].shape[1]))
+            for (on, x), place in zip(axes, done, strict=True):
+                np.matmul(b[:, on], x, out=place)
+            out.append(done)
         return out
 
 

@@ -34,20 +34,18 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 class Contributions:
     """What every term of a set does to every channel; ``b`` (k,), ``cov`` (k, k) with the trims behind.
 
-    Of every channel one array: ``rest`` (n,), all others (terms, n).
+    Of every flight one array: ``rest`` (axes, n), all others (axes, terms, n).
     """
 
     def __init__(self, design: Design, b: Array, cov: Array) -> None:
         self.design = design
         self._b, self._cov = b, cov
-        channels = zip(design.library.channels, design.acting, strict=True)
-        self.rest = [c.rows[0] - b[on] @ x for c, (on, x) in channels]
-        """What the set leaves of every channel."""
-        self.whole = self._done(np.where(design.of_term, b, 0.0))
-
-    def _done(self, b: Array) -> list[Array]:
-        """What every term does by its coefficients (terms, k)."""
-        return [b[:, on] @ x for on, x in self.design.acting]
+        every = np.vstack([design.of_term, ~design.of_term.any(axis=0)])
+        done = design.times(np.where(every, b, 0.0))
+        self.whole = [d[:, :-1] for d in done]
+        measured = (np.stack([c.rows[0] for c in axes]) for axes in design.library.flights)
+        self.rest = [y - d.sum(axis=1) for y, d in zip(measured, done, strict=True)]
+        """What the set leaves of every axis."""
 
     @cached_property
     def main(self) -> list[Array]:
@@ -57,7 +55,7 @@ class Contributions:
         for term, part in zip(design.terms, map(slice, design.edges, design.edges[1:]), strict=True):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        return self._done(np.where(design.of_term, possible, 0.0))
+        return design.times(np.where(design.of_term, possible, 0.0))
 
     @cached_property
     def own(self) -> list[Array]:
@@ -77,17 +75,19 @@ class Contributions:
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
-        return self._done(lost)
+        return design.times(lost)
 
 
 def form_variance(u: Contributions) -> Array:
     """Variance (channels,) of what is left by the effects' model-form errors."""
     effect = np.array([t.effect is not None for t in u.design.terms], bool)
-    out = []
-    for channel, whole in zip(u.design.library.channels, u.whole, strict=True):
-        mean, square = whole.sum(axis=1) / channel.count, (whole**2).sum(axis=1) / channel.count
-        out.append(FORM_LEFT**2 * float(np.maximum(square - mean**2, 0.0) @ effect))
-    return np.array(out)
+    out = [np.empty(0)]
+    for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
+        count = axes[0].count
+        mean = whole.sum(axis=2) / count
+        square = np.einsum("atn,atn->at", whole, whole) / count
+        out.append(FORM_LEFT**2 * np.maximum(square - mean**2, 0.0) @ effect)
+    return np.concatenate(out)
 
 
 def worth(u: Contributions) -> float:
@@ -108,10 +108,12 @@ def cancelled(u: Contributions) -> float:
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
     worst = 0.0
-    for channel, whole in zip(u.design.library.channels, u.whole, strict=True):
-        if np.count_nonzero(whole.any(axis=1)) > 1:
-            free = channel.count * (CANCEL_FREE * channel.limit) ** 2
-            worst = max(worst, float((whole**2).sum() / ((whole.sum(axis=0) ** 2).sum() + free)))
+    for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
+        together = whole.sum(axis=1)
+        free = axes[0].count * (CANCEL_FREE * limits(axes)) ** 2
+        ratio = np.einsum("atn,atn->a", whole, whole) / (np.einsum("an,an->a", together, together) + free)
+        several = np.count_nonzero(whole.any(axis=2), axis=1) > 1
+        worst = max(worst, float(np.max(ratio, where=several, initial=0.0)))
     return float(np.sqrt(worst))
 
 
@@ -127,7 +129,7 @@ def standing(u: Contributions) -> Array:
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
     left = (sizes * form[:, None]) ** 2
     channels = u.design.library.channels
-    open_ = np.array([slow_rms(rest, c) / c.limit for c, rest in zip(channels, u.rest, strict=True)])
+    open_ = np.concatenate([slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)])
     beside = left.sum(axis=0) - left + open_**2
     large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
@@ -139,17 +141,23 @@ def standing(u: Contributions) -> Array:
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
-    channels = u.design.library.channels
-    return np.stack([top(part, c.count) / c.limit for c, part in zip(channels, parts, strict=True)], axis=1)
+    flights = zip(u.design.library.flights, parts, strict=True)
+    sizes = [top(part, axes[0].count) / limits(axes)[:, None] for axes, part in flights]
+    return np.concatenate(sizes).T
 
 
-def slow_rms(rest: Array, channel: ResidualChannel) -> float:
-    """RMS of what is left of a channel (n,), averaged over ``SLOW_S``."""
+def limits(axes: Sequence[ResidualChannel]) -> Array:
+    """One hundredth of the weight of every axis (axes,) [N or N m]."""
+    return np.array([c.limit for c in axes])
+
+
+def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
+    """RMS (axes,) of what is left of a flight (axes, n), averaged over ``SLOW_S``, in hundredths of the weight."""
     width = max(round(SLOW_S / STEP_S), 1)
-    total = np.concatenate([[0.0], np.cumsum(rest)])
-    known = np.concatenate([[0], np.cumsum(channel.valid)])
-    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1)
-    return float(np.sqrt((mean**2).sum() / max(len(mean), 1)))
+    total = np.pad(np.cumsum(rest, axis=1), ((0, 0), (1, 0)))
+    known = np.concatenate([[0], np.cumsum(axes[0].valid)])
+    mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
+    return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)) / limits(axes))
 
 
 def top(x: Array, count: int) -> Array:

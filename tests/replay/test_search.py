@@ -146,7 +146,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    found = whitened_energies(np.stack([s.filters for s in bank]), np.where(valid, x[:, 0], 0.0), run)
+    found = whitened_energies(np.stack([s.filters for s in bank]), np.where(valid, x[:, 0], 0.0)[None], run)[0]
     assert found[bank.index(spectrum)] == pytest.approx(float(white @ white))
 
 
