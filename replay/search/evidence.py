@@ -43,6 +43,8 @@ SETTLED = 0.01
 """Relative change of the noise below which they agree."""
 WORTH_A_SET = 7500.0
 """So many samples, of all axes together, cost as much as what a set costs whatever the flight's length."""
+KEPT_DESIGNS = 8
+"""Sets of which the columns are kept: each is some MiB of a long flight."""
 NOTHING: Mapping[int, Mask] = {}
 
 
@@ -121,6 +123,7 @@ class Evidence:
         smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
+        self._designs: dict[tuple[Term, ...], Design] = {}
         self._samples = sum(len(c.run) for c in channels)
         self.work = 0.0
         """What was spent on sets so far, the same on every machine: one for each, more for long flights."""
@@ -165,7 +168,7 @@ class Evidence:
         return self._fits[key]
 
     def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
-        design = Design(self.library, terms)
+        design = self._design(terms)
         for left in reversed(range(ROUNDS + 1)):
             b, cov = self._posterior(design, noise)
             u = Contributions(design, b, cov)
@@ -184,7 +187,7 @@ class Evidence:
         At most ``possible``.
         """
         terms = tuple(terms)
-        design = Design(self.library, terms)
+        design = self._design(terms)
         b, cov = self._posterior(design, noise)
         within = beyond_bounds(terms, b, cov)
         return within if within < least else within + worth(Contributions(design, b, cov))
@@ -196,7 +199,7 @@ class Evidence:
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        return Fit(tuple(terms), *self._posterior(Design(self.library, terms), noise, left_out), noise)
+        return Fit(tuple(terms), *self._posterior(self._design(tuple(terms)), noise, left_out), noise)
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -211,7 +214,7 @@ class Evidence:
         if not groups:
             return out
         asked = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
-        set_columns = Design(library, fit.terms).columns
+        set_columns = self._design(fit.terms).columns
         x_bias = library.x_bias[:, asked]
         cross = library.x_bias[:, set_columns].T @ x_bias
         g = library.bias @ x_bias
@@ -259,6 +262,14 @@ class Evidence:
             white.forget()
 
     # --- Parts --------------------------------------------------------------------------------------------------------
+
+    def _design(self, terms: tuple[Term, ...]) -> Design:
+        """Of a set; the latest are kept, as a set is often weighed beside several noises in a row."""
+        design = self._designs.pop(terms, None) or Design(self.library, terms)
+        self._designs[terms] = design
+        if len(self._designs) > KEPT_DESIGNS:
+            del self._designs[next(iter(self._designs))]
+        return design
 
     def _channels(self, noise: Noise) -> Iterator[tuple[Whitened, float]]:
         """Every channel through the filter of its noise, and the variance of that."""
@@ -320,7 +331,12 @@ class Evidence:
         for white, variance in self._channels(noise):
             flight = white.channel.flight
             rows = np.concatenate([[0], white.channel.where[design.columns]])
-            gram = white.gram_of(rows, ~left_out[flight]) if flight in left_out else white.between(rows, rows)
+            if flight in left_out:
+                gram = white.gram_of(rows, ~left_out[flight])
+            elif white in design.products:
+                gram = design.products[white]
+            else:
+                gram = design.products[white] = white.between(rows, rows)
             a += gram[1:, 1:] / variance
             r += gram[0, 1:] / variance
         x_bias = self.library.x_bias[:, design.columns]

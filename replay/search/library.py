@@ -12,7 +12,7 @@ import numpy as np
 from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Columns, ResidualChannel, hundredths
+from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
 from replay.search.curves import AMPLITUDE, ATTITUDE, Curve, curves
 from replay.search.noise_spectra import runs
 from replay.search.terms import (
@@ -346,6 +346,8 @@ class Design:
         widths = [*(len(t.columns) for t in terms), len(library.trim)]
         self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(np.arange(len(widths)), widths)
         """(terms, k) which columns are whose."""
+        self.products: dict[Whitened, Array] = {}
+        """Inner products of residual and columns (1 + k, 1 + k), as far as they were needed."""
 
     @cached_property
     def _acting(self) -> list[list[tuple[Columns, Array]]]:
