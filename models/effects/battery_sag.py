@@ -26,7 +26,9 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     volts = ctx.state.battery_voltage_v
     if ctx.record:
         # Noise of the voltage would be fitted instead of what the pack does, and make its power too small.
-        volts = through(ctx, volts[:, None], lambda omega: np.exp(-0.5 * (SLOW_S * omega) ** 2))[:, 0]
+        volts = through(ctx, volts[:, None], lambda omega: np.exp(-0.5 * (SLOW_S * omega) ** 2))[
+            :, 0
+        ]
     fuller = volts / shape[0] - 1.0
     # The drop over the pack's resistance, when the current rises with the thrust, is faster than that.
     above = ctx.thrust.sum(axis=-1) / ctx.weight - 1.0
@@ -49,7 +51,11 @@ def _lacking(ctx: Context) -> str | None:
     known = ctx.state.battery_voltage_v[np.isfinite(ctx.state.battery_voltage_v)]
     if not known.size:
         return "no battery voltage in the log"
-    return None if np.ptp(known) > 0.005 * float(np.median(known)) else "the battery voltage did not change"
+    return (
+        None
+        if np.ptp(known) > 0.005 * float(np.median(known))
+        else "the battery voltage did not change"
+    )
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:

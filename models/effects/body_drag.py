@@ -20,8 +20,10 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     v = ctx.velocity
     discs = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
     pressure = -0.5 * RHO_SEA_LEVEL * discs * np.abs(v) * v
-    front, side = np.zeros((*v.shape[:-1], 6)), np.zeros((*v.shape[:-1], 6))
-    front[..., 0], side[..., 1] = pressure[..., 0], pressure[..., 1]
+    front = np.zeros((*v.shape[:-1], 6))
+    side = np.zeros((*v.shape[:-1], 6))
+    front[..., 0] = pressure[..., 0]
+    side[..., 1] = pressure[..., 1]
     return front, side
 
 

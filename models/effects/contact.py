@@ -19,7 +19,10 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
     bearing = ctx.state.wall_bearing_rad
     velocity = ctx.velocity[..., None, :] + ctx.turning
-    closing = velocity[..., 0] * np.cos(bearing)[..., None] + velocity[..., 1] * np.sin(bearing)[..., None]
+    closing = (
+        velocity[..., 0] * np.cos(bearing)[..., None]
+        + velocity[..., 1] * np.sin(bearing)[..., None]
+    )
     return ctx.pull(-depth, bearing), ctx.pull(np.where(depth > 0.0, -closing, 0.0), bearing)
 
 
@@ -49,8 +52,20 @@ EFFECT = Effect(
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
     coefficients=(
-        Coefficient("stiffness", "N/m", 1.0, 1e4, typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans)),
-        Coefficient("damping", "N s/m", -100.0, 1e3, typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans)),
+        Coefficient(
+            "stiffness",
+            "N/m",
+            1.0,
+            1e4,
+            typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans),
+        ),
+        Coefficient(
+            "damping",
+            "N s/m",
+            -100.0,
+            1e3,
+            typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans),
+        ),
     ),
     wrenches=_wrenches,
     shapes=(Shape("reach_m", "m"),),

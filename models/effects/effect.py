@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from models.air_state import AirState
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import FanModel, fan_rpm, fan_torques, free_air_thrust, rpm_from_servos, servo_thrust
+from models.vehicle_wrench import (
+    FanModel,
+    fan_rpm,
+    fan_torques,
+    free_air_thrust,
+    rpm_from_servos,
+    servo_thrust,
+)
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
@@ -162,7 +169,9 @@ class Context:
             per_rotor = servo_thrust(self.vehicle, self.state.servo_us)
             return np.asarray(np.add.reduceat(per_rotor, self.vehicle.first_rotors, axis=-1))
         each = zip(self.vehicle.fans, np.moveaxis(self.rpm, -1, 0), strict=True)
-        return np.stack([free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1)
+        return np.stack(
+            [free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1
+        )
 
     @cached_property
     def shared_thrust(self) -> Array:
@@ -185,7 +194,8 @@ class Context:
         Section and Panel Data, ch. 5): thrust that takes off a disturbance within the control loop is not felt. Noise
         of the accelerometer makes it too large, nothing makes it too small.
         """
-        thrust, felt = self.thrust.sum(axis=-1) / self.weight, -self.state.specific_force[:, 2] / GRAVITY
+        thrust = self.thrust.sum(axis=-1) / self.weight
+        felt = -self.state.specific_force[:, 2] / GRAVITY
         apart = max(round(APART_S / float(np.median(np.diff(self.state.time_s)))), 1)
         a, b = (x[apart:] - x[:-apart] for x in (thrust, felt))
         known = np.isfinite(a) & np.isfinite(b)
@@ -196,7 +206,10 @@ class Context:
         """Rotor speeds (..., rotors) at which every fan gives its ``shared_thrust``."""
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.sqrt(self.shared_thrust / self.thrust)
-        return self.rotor_rpm * np.where(np.isfinite(ratio), ratio, 1.0)[..., np.asarray(self.vehicle.rotor_fan)]
+        return (
+            self.rotor_rpm
+            * np.where(np.isfinite(ratio), ratio, 1.0)[..., np.asarray(self.vehicle.rotor_fan)]
+        )
 
     @cached_property
     def rotor_wrench(self) -> Array:
@@ -223,7 +236,9 @@ class Context:
     @cached_property
     def velocity(self) -> Array:
         """Velocity over ground, body FRD, (..., 3)."""
-        return np.asarray(np.einsum("...ji,...j->...i", self.state.rotation, self.state.velocity_ned))
+        return np.asarray(
+            np.einsum("...ji,...j->...i", self.state.rotation, self.state.velocity_ned)
+        )
 
     @cached_property
     def turning(self) -> Array:
@@ -252,7 +267,12 @@ class Context:
         Sinking along the rotor axis adds rho A v_down to the mass flow.
         """
         own = self.velocity[..., None, :]
-        sinking = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * own[..., 2] * np.ones(len(self.vehicle.fans))
+        sinking = (
+            RHO_SEA_LEVEL
+            * self.vehicle.disc_area_m2
+            * own[..., 2]
+            * np.ones(len(self.vehicle.fans))
+        )
         return (
             self.level_drag(own, self.mass_flow, above_m),
             self.level_drag(self.turning, self.mass_flow, above_m),
@@ -288,12 +308,19 @@ class Context:
     @property
     def lever(self) -> float:
         """Farthest fan from the CG, or the rotor's radius where that is larger [m]: unit of arms."""
-        return float(max(np.linalg.norm(self.vehicle.fan_positions_m, axis=1).max(), self.vehicle.rotor_radius_m))
+        return float(
+            max(
+                np.linalg.norm(self.vehicle.fan_positions_m, axis=1).max(),
+                self.vehicle.rotor_radius_m,
+            )
+        )
 
     def wrench_at_cg(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
         wrenches = np.concatenate([forces, np.zeros_like(forces)], axis=-1)
-        return np.asarray(at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2))
+        return np.asarray(
+            at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2)
+        )
 
     def lift(self, forces: Array) -> Array:
         """Wrench about the CG (..., 6) of forces (..., fans) up the fans' axes."""
@@ -383,7 +410,9 @@ class FlightUse:
     """Those parameters by flights."""
 
 
-_SHOWN, _FLOWN, NOT_FLOWN = Shown(), FlightUse(), FlightUse(InFlight.NONE)
+_SHOWN = Shown()
+_FLOWN = FlightUse()
+NOT_FLOWN = FlightUse(InFlight.NONE)
 
 
 @dataclass(frozen=True)
@@ -456,7 +485,9 @@ class Effect:
 
     def shape_grid(self, ctx: Context) -> Sequence[tuple[float, ...]]:
         """The places at which its shapes are tried on a flight; one empty place without shapes."""
-        return tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
+        return (
+            tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
+        )
 
     def of_day(self, coefficient: Coefficient) -> bool:
         """Whether every flight has its own."""
@@ -518,7 +549,9 @@ class Effect:
 
     def mixed(self, independent: Array, shape: tuple[float, ...]) -> Array:
         """Coefficients (..., k) from independent ones (..., k)."""
-        return independent if self.mixing is None else np.asarray(independent @ self.mixing(shape).T)
+        return (
+            independent if self.mixing is None else np.asarray(independent @ self.mixing(shape).T)
+        )
 
     def wrench(self, ctx: Context, parameters: Mapping[str, float]) -> Array:
         """The effect's wrench (..., 6) with adopted parameters."""
@@ -544,8 +577,10 @@ def decay(distance: Array, length: float) -> Array:
 
 def through(ctx: Context, values: Array, response: Callable[[NDArray[Any]], NDArray[Any]]) -> Array:
     """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
-    n, step = len(values), float(np.median(np.diff(ctx.state.time_s)))
-    pad, index = min(n, int(20.0 / step) + 1), np.arange(n)
+    n = len(values)
+    step = float(np.median(np.diff(ctx.state.time_s)))
+    pad = min(n, int(20.0 / step) + 1)
+    index = np.arange(n)
     gain = response(2.0 * np.pi * np.fft.rfftfreq(n + 2 * pad, step))
     out = np.full_like(values, np.nan)
     for k, column in enumerate(values.T):

@@ -17,11 +17,16 @@ from models.vehicle_wrench import RPM_TO_RAD_S
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors]) if abs(shape[0]) < 0.5 else np.sign(shape[0])
+    signs = (
+        np.array([rotor.spin for rotor in ctx.vehicle.rotors])
+        if abs(shape[0]) < 0.5
+        else np.sign(shape[0])
+    )
     spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
     change = np.gradient(spin, ctx.state.time_s) if ctx.record else np.zeros_like(spin)
     out = np.zeros((*spin.shape, 6))
-    out[..., 3], out[..., 4] = -ctx.state.rates[..., 1] * spin, ctx.state.rates[..., 0] * spin
+    out[..., 3] = -ctx.state.rates[..., 1] * spin
+    out[..., 4] = ctx.state.rates[..., 0] * spin
     out[..., 5] = -change
     return (out,)
 

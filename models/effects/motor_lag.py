@@ -21,7 +21,11 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     if not ctx.record:
         return (np.zeros_like(wrench),)
     tau, dead = shape
-    return (through(ctx, wrench, lambda omega: np.exp(-1j * omega * dead) / (1.0 + 1j * omega * tau) - 1.0),)
+    return (
+        through(
+            ctx, wrench, lambda omega: np.exp(-1j * omega * dead) / (1.0 + 1j * omega * tau) - 1.0
+        ),
+    )
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -32,7 +36,8 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
-    dead, tau = p["dead_s"] * 1e3, p["tau_s"] * 1e3
+    dead = p["dead_s"] * 1e3
+    tau = p["tau_s"] * 1e3
     return f"thrust comes {dead:.0f} ms late, with a time constant of {tau:.0f} ms"
 
 

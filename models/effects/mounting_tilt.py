@@ -23,7 +23,8 @@ USUAL_RAD, MOST_RAD = 0.0175, 0.07
 def tilted_thrust(ctx: Context) -> tuple[Array, Array]:
     """Wrench (..., 6) of rotors that are tilted by 1 rad in pitch, and in roll."""
     lift = ctx.thrust.sum(axis=-1)
-    pitch, roll = np.zeros((*lift.shape, 6)), np.zeros((*lift.shape, 6))
+    pitch = np.zeros((*lift.shape, 6))
+    roll = np.zeros((*lift.shape, 6))
     pitch[..., 0] = lift
     roll[..., 1] = -lift
     return pitch, roll
@@ -39,14 +40,18 @@ def _lacking(ctx: Context) -> str | None:
 
 def tilt_words(p: Mapping[str, float]) -> str:
     """The two angles."""
-    return f"{np.degrees(p['pitch']):+.1f} degrees in pitch and {np.degrees(p['roll']):+.1f} in roll"
+    return (
+        f"{np.degrees(p['pitch']):+.1f} degrees in pitch and {np.degrees(p['roll']):+.1f} in roll"
+    )
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     return f"the rotors are tilted against the frame of the logged attitude by {tilt_words(p)}"
 
 
-TILTS = tuple(Coefficient(axis, "rad", -MOST_RAD, MOST_RAD, typical=USUAL_RAD) for axis in ("pitch", "roll"))
+TILTS = tuple(
+    Coefficient(axis, "rad", -MOST_RAD, MOST_RAD, typical=USUAL_RAD) for axis in ("pitch", "roll")
+)
 
 EFFECT = Effect(
     name="mounting_tilt",

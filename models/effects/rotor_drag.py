@@ -36,7 +36,9 @@ EFFECT = Effect(
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
+    shapes=(
+        Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),
+    ),
     aliases=("body_drag", "wind"),
     chance=0.3,
     main=("drag",),

@@ -34,17 +34,22 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     # What hangs is pulled down, not along the body; climbing, it is lifted as the vehicle is.
     down = ctx.state.rotation[..., 2, :]
     weight = np.zeros((*ctx.state.time_s.shape, 6))
-    weight[..., :3] = down * (down[..., 2] * ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg)[..., None]
+    weight[..., :3] = (
+        down * (down[..., 2] * ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg)[..., None]
+    )
     swing = np.zeros_like(weight)
     if ctx.record:
         w0 = np.sqrt(GRAVITY / shape[0])
         # The hook's acceleration from the velocity, not from the accelerometer, whose noise is in the residual.
         level = ctx.state.velocity_ned[:, :2]
-        pull = through(ctx, level, lambda w: -1j * w * w0**2 / (w0**2 - w**2 + 2j * DAMPING * w0 * w))
+        pull = through(
+            ctx, level, lambda w: -1j * w * w0**2 / (w0**2 - w**2 + 2j * DAMPING * w0 * w)
+        )
         swing[:, :3] = np.einsum("nji,nj->ni", ctx.state.rotation[:, :2], pull)
     # The rope pulls at a hook below the CG.
     hook = np.zeros_like(weight)
-    hook[..., 3], hook[..., 4] = -(weight + swing)[..., 1], (weight + swing)[..., 0]
+    hook[..., 3] = -(weight + swing)[..., 1]
+    hook[..., 4] = (weight + swing)[..., 0]
     return swing, weight, hook
 
 
@@ -77,8 +82,12 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
     coefficients=(
-        Coefficient("swinging", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely),
-        Coefficient("mass", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely),
+        Coefficient(
+            "swinging", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely
+        ),
+        Coefficient(
+            "mass", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely
+        ),
         Coefficient("hook", "kg m", -1e3, 1e3, typical=lambda ctx: 0.3 * ctx.lever),
     ),
     wrenches=_wrenches,

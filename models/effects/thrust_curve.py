@@ -44,7 +44,9 @@ EFFECT = Effect(
     channels=("thrust_command", "servo_1", "rpm_1", "az_m_s2"),
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
     coefficients=(
-        Coefficient("slope", "1", _flattest, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)),
+        Coefficient(
+            "slope", "1", _flattest, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)
+        ),
         Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),

@@ -58,8 +58,12 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("slope", "1", 0.2, 20.0, typical=2.5, centre=4.0),
         Coefficient("turning", "1", -20.0, 20.0, typical=4.0, optional=True),
-        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True),
-        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True),
+        Coefficient(
+            "north", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True
+        ),
+        Coefficient(
+            "east", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True
+        ),
         Coefficient("level", "1", -0.2, 1.5, typical=0.2, centre=0.15, optional=True),
     ),
     main=("slope", "north", "east"),
@@ -71,8 +75,12 @@ EFFECT = Effect(
         _words,
         # The flight shows the slope times the wind, not the wind.
         quantities=(
-            Quantity(instead_of="north", name="lift_by_tilt_north", unit="1/rad", of=_by_tilt("north")),
-            Quantity(instead_of="east", name="lift_by_tilt_east", unit="1/rad", of=_by_tilt("east")),
+            Quantity(
+                instead_of="north", name="lift_by_tilt_north", unit="1/rad", of=_by_tilt("north")
+            ),
+            Quantity(
+                instead_of="east", name="lift_by_tilt_east", unit="1/rad", of=_by_tilt("east")
+            ),
         ),
     ),
 )

@@ -10,7 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
+from models.effects.effect import (
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    Shape,
+    Shown,
+    decay,
+    where_seen,
+)
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -38,7 +47,10 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
-    coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
+    coefficients=(
+        Coefficient("pull", "1", -1.0, 1.0, typical=0.08),
+        Coefficient("tilt", "1", -2.0, 2.0, typical=0.15),
+    ),
     wrenches=_wrenches,
     in_flight=FlightUse(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.4, 0.7, 1.1, 1.7)),),

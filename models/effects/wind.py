@@ -11,7 +11,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Drawn, Effect, Quantity, Shape, Shown
+from models.effects.effect import (
+    AdoptedEffect,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Drawn,
+    Effect,
+    Quantity,
+    Shape,
+    Shown,
+)
 from models.effects.pictures import compass, force_words, mean, over
 from models.frames import Array
 
@@ -20,7 +30,9 @@ LEAST_DRAG = 0.02
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    above, rotation, flow = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.rotation, ctx.mass_flow
+    above = shape[0] * ctx.vehicle.rotor_radius_m
+    rotation = ctx.state.rotation
+    flow = ctx.mass_flow
     north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
     return north, east, *ctx.own_drag(above)
 
@@ -29,7 +41,9 @@ def _drag(ctx: Context, p: Mapping[str, Array]) -> Array:
     """Of the vehicle over momentum theory's: what was found, and what its model has already."""
     declared = 0.0
     for one in getattr(ctx.model, "effects", ()):
-        declared += one.parameters.get({"wind": "own_motion", "rotor_drag": "drag"}.get(one.name, ""), 0.0)
+        declared += one.parameters.get(
+            {"wind": "own_motion", "rotor_drag": "drag"}.get(one.name, ""), 0.0
+        )
     return np.asarray(np.maximum(p["own_motion"] + declared, LEAST_DRAG))
 
 
@@ -79,7 +93,8 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    north, east = p["north"], p["east"]
+    north = p["north"]
+    east = p["east"]
     speed = float(np.hypot(north, east))
     drag = float(_drag(ctx, {"own_motion": np.array(p["own_motion"])}))
     force = mean(ctx.mass_flow.sum(axis=-1)) * speed * drag
@@ -97,12 +112,25 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("north", "m/s", -25.0, 25.0, typical=4.0),
         Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
-        Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7, belongs_to=BelongsTo.VEHICLE),
+        Coefficient(
+            "own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7, belongs_to=BelongsTo.VEHICLE
+        ),
         Coefficient("turning", "1", -6.0, 6.0, belongs_to=BelongsTo.VEHICLE),
-        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True, belongs_to=BelongsTo.VEHICLE),
+        Coefficient(
+            "sinking",
+            "1",
+            -1.0,
+            2.0,
+            typical=0.3,
+            centre=0.3,
+            optional=True,
+            belongs_to=BelongsTo.VEHICLE,
+        ),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
+    shapes=(
+        Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),
+    ),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
     chance=0.05,

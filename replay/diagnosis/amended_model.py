@@ -25,13 +25,18 @@ zero}, "shape": {parameter: value}}} of what belongs to one flight."""
 
 
 def amended(
-    model: FanSurrogate | None, vehicle: Vehicle, effects: Sequence[AdoptedEffect], logs: Sequence[Path] = ()
+    model: FanSurrogate | None,
+    vehicle: Vehicle,
+    effects: Sequence[AdoptedEffect],
+    logs: Sequence[Path] = (),
 ) -> FanSurrogate:
     """The model with ``effects`` added to those it has; weather and load start at zero, with their spread.
 
     ``logs``: what the effects were found in, so that nobody judges the model on them.
     """
-    if model is None and np.ptp(thrust := reference_thrust(vehicle, None)) > 1e-6 * float(np.max(thrust)):
+    if model is None and np.ptp(thrust := reference_thrust(vehicle, None)) > 1e-6 * float(
+        np.max(thrust)
+    ):
         raise ConfigError(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
@@ -40,10 +45,14 @@ def amended(
     info: dict[str, Any] = dict(base.info)
     if logs:
         known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
-        info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
+        info[LEARNT_FROM] = list(
+            (known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values()
+        )
     if "fan" not in info and any(e.name == "surface_law" for e in new):
         # Its map is in rotor radii.
-        info["fan"] = identity(base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m).as_info()
+        info["fan"] = identity(
+            base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m
+        ).as_info()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
     days = {e.name: _day(e, context) for e in effects}
     of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
@@ -65,13 +74,16 @@ def to_adopt(
     of it is taken.
     """
     parameters = {e.name: e.value for e in estimates}
-    of_wind = any((c.belongs_to or effect.belongs_to) is BelongsTo.WEATHER for c in effect.coefficients)
+    of_wind = any(
+        (c.belongs_to or effect.belongs_to) is BelongsTo.WEATHER for c in effect.coefficients
+    )
     share = 1.0 - doubt if of_wind else 1.0
     by_name = {e.name: e for e in estimates}
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
         e = by_name[c.name]
         low, high = e.ci95 or (e.value, e.value)
-        mean, sd = c.mean(context) if effect.kept else 0.0, (high - low) / (2.0 * 1.96)
+        mean = c.mean(context) if effect.kept else 0.0
+        sd = (high - low) / (2.0 * 1.96)
         off = e.value - mean
         parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
     return AdoptedEffect(effect.name, parameters, tuple(without))
@@ -107,6 +119,8 @@ def _day(adopted: AdoptedEffect, context: Context) -> dict[str, dict[str, float]
     effect = get(adopted.name)
     start = effect.of_next_flight(adopted.parameters)
     return {
-        "spread": {c.name: float(c.spread(context)) for c in effect.coefficients if effect.of_day(c)},
+        "spread": {
+            c.name: float(c.spread(context)) for c in effect.coefficients if effect.of_day(c)
+        },
         "shape": {s.name: start[s.name] for s in effect.shapes},
     }

@@ -76,7 +76,8 @@ class Diagnosis(Searched):
 
     def rms(self, *, after: bool) -> Array:
         """RMS per axis on held-out time of all flights, (6,); NaN where no flight could judge the axis."""
-        energy, count = np.zeros(6), np.zeros(6)
+        energy = np.zeros(6)
+        count = np.zeros(6)
         for t in self.traces:
             r = (t.after if after else t.before)[t.record.valid]
             judged = np.isin(np.arange(6), t.record.axes)
@@ -106,7 +107,13 @@ class Diagnosis(Searched):
         return tuple(
             self._as_found(f)
             if f.effect.name in joint
-            else to_adopt(f.effect, f.fitted, self.records[f.flight].context, f.without, doubt=self.of_one_wind)
+            else to_adopt(
+                f.effect,
+                f.fitted,
+                self.records[f.flight].context,
+                f.without,
+                doubt=self.of_one_wind,
+            )
             for f in self.found
         )
 
@@ -124,7 +131,8 @@ class Diagnosis(Searched):
 
     def as_json(self, model: str | None) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
-        before, after = self._said_rms(after=False), self._said_rms(after=True)
+        before = self._said_rms(after=False)
+        after = self._said_rms(after=True)
         judged = [i for i in range(6) if np.isfinite(before[i])]
         content: dict[str, Any] = rounded(
             {
@@ -134,7 +142,11 @@ class Diagnosis(Searched):
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
                 "axes": {
-                    AXES[i]: {"rms_before": before[i], "rms_after": after[i], "unit": self.unit(i)[1]}
+                    AXES[i]: {
+                        "rms_before": before[i],
+                        "rms_after": after[i],
+                        "unit": self.unit(i)[1],
+                    }
                     | _of_weight([before[i], after[i]], self.unit(i)[1])
                     for i in judged
                 },
@@ -142,20 +154,36 @@ class Diagnosis(Searched):
                 "aliases": self.aliases,
                 "unexplained": {
                     "rms": {AXES[i]: after[i] for i in judged},
-                    "channels": [{"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels],
+                    "channels": [
+                        {"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels
+                    ],
                 },
-                "outside": [{"log": t.record.name, **_outside(o, self)} for t in self.traces for o in t.outside],
-                "regimes": [{"log": t.record.name, **r} for t in self.traces for r in self.regimes(t)],
+                "outside": [
+                    {"log": t.record.name, **_outside(o, self)}
+                    for t in self.traces
+                    for o in t.outside
+                ],
+                "regimes": [
+                    {"log": t.record.name, **r} for t in self.traces for r in self.regimes(t)
+                ],
                 "log_faults": [f.as_json() for f in self.faults],
                 "model": model,
                 "could_have_seen": [
-                    {"what": v.what, "axes": v.axes, "least": v.least, "unit": v.unit, "parameter": v.coefficient}
+                    {
+                        "what": v.what,
+                        "axes": v.axes,
+                        "least": v.least,
+                        "unit": v.unit,
+                        "parameter": v.coefficient,
+                    }
                     for v in self.could_have_seen
                 ],
                 "left_out": self.left_out,
                 "rejected": [asdict(r) for r in self.rejected],
                 "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
-                "excluded": [{"log": r.name, **asdict(e)} for r in self.records for e in r.excluded],
+                "excluded": [
+                    {"log": r.name, **asdict(e)} for r in self.records for e in r.excluded
+                ],
                 "notes": self.notes,
             }
         )
@@ -163,7 +191,8 @@ class Diagnosis(Searched):
 
     def as_text(self) -> str:
         """A few lines for a person."""
-        before, after = self._said_rms(after=False), self._said_rms(after=True)
+        before = self._said_rms(after=False)
+        after = self._said_rms(after=True)
         seconds = sum(r.seconds for r in self.records)
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
         lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults]
@@ -206,9 +235,13 @@ class Diagnosis(Searched):
 
     def _judged(self) -> list[str]:
         """Which axes were judged, and from which size on what was not found would have been."""
-        axes = [name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)]
+        axes = [
+            name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)
+        ]
         unjudged = [name for name in AXES if name not in axes]
-        lines = [f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"]
+        lines = [
+            f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"
+        ]
         seen = [f"{v.what} ({least_text(v)})" for v in self.could_have_seen]
         if seen:
             lines.append(f"  would have been named from this size on: {', '.join(seen)}")
@@ -227,7 +260,8 @@ def rms_interval(residual: Array, step_s: float) -> tuple[float, float, float]:
     """
     square = residual**2
     parts = np.array_split(square, max(len(square) // max(round(BLOCK_S / step_s), 1), 2))
-    sums, counts = np.array([p.sum() for p in parts]), np.array([len(p) for p in parts])
+    sums = np.array([p.sum() for p in parts])
+    counts = np.array([len(p) for p in parts])
     pick = np.random.default_rng(0).integers(0, len(parts), (_DRAWS, len(parts)))
     draws = np.sqrt(sums[pick].sum(1) / np.maximum(counts[pick].sum(1), 1))
     low, high = np.percentile(draws, [2.5, 97.5])
@@ -272,7 +306,10 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
         out["members"] = [{"name": name, "probability": p} for name, p in f.members]
         out["decided_by"] = f.decided_by
     if len(answer.traces) > 1:
-        out["flights"] = {answer.traces[i].record.name: _values(said, answer) for i, said in f.said_of_flight.items()}
+        out["flights"] = {
+            answer.traces[i].record.name: _values(said, answer)
+            for i, said in f.said_of_flight.items()
+        }
     return out
 
 
@@ -283,7 +320,9 @@ def _values(estimates: Sequence[IntervalEstimate], answer: Diagnosis) -> dict[st
 
 
 def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
-    if f.effect.mixing is not None and f.effect.shown.in_words is not None:  # too many numbers to read
+    if (
+        f.effect.mixing is not None and f.effect.shown.in_words is not None
+    ):  # too many numbers to read
         numbers = f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
     else:
         numbers = ", ".join(map(estimate_text, answer.numbers_of(f)))

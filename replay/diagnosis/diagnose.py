@@ -126,7 +126,9 @@ def read_records(
         alone = len(own.records) == 1 and not boot
         records += [replace(own.records[0], name=path.name)] if alone else own.records
         if boot:
-            notes.append(f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own")
+            notes.append(
+                f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own"
+            )
         notes += [f"{path.name}: {note}" for note in (*own.notes(), *said)]
     if not records:
         raise problems[0]
@@ -154,7 +156,9 @@ def _left_out(what: Sequence[str]) -> list[str]:
     """A search that would take too long stops with the best that it has."""
     if not what:
         return []
-    return [f"left out of the search, which would take too long: {', '.join(what)}; a part of the flight takes less"]
+    return [
+        f"left out of the search, which would take too long: {', '.join(what)}; a part of the flight takes less"
+    ]
 
 
 def _one_wind(answer: Diagnosis) -> list[str]:

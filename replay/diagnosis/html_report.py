@@ -27,10 +27,14 @@ from replay.diagnosis.words import (
 from replay.report import render
 
 
-def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()) -> str:
+def page(
+    answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()
+) -> str:
     """The whole page. ``model_faults``: ``channel`` and ``what`` of a model or vehicle file of another vehicle."""
     step = next_step(answer, model_faults)
-    first = next((c for c in answer.channels if all(c.name in r.channels for r in answer.records)), None)
+    first = next(
+        (c for c in answer.channels if all(c.name in r.channels for r in answer.records)), None
+    )
     return render(
         "diagnosis.html",
         answer=answer,
@@ -39,7 +43,9 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
         verdict=f"Next: {step.action}",
         sentences=step.reasons,
         bad=step.bad,
-        effects=[(f, size_words(f, answer), effect_picture(f, answer.traces)) for f in answer.found],
+        effects=[
+            (f, size_words(f, answer), effect_picture(f, answer.traces)) for f in answer.found
+        ],
         axes=[
             (
                 AXIS_WORDS[i],
@@ -53,7 +59,9 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
         ],
         carriers=[(channel_words(c.name), c.axis, f"{c.score:.0%}") for c in answer.channels],
         remainder="" if first is None else "".join(against(t, first) for t in answer.traces),
-        outside=[f"{t.record.name}: {answer.outside_words(o)}" for t in answer.traces for o in t.outside],
+        outside=[
+            f"{t.record.name}: {answer.outside_words(o)}" for t in answer.traces for o in t.outside
+        ],
         pictures=[(t.record.name, series(t)) for t in answer.traces],
         certainty=certainty,
         class_text=class_text,

@@ -24,7 +24,9 @@ def scale(unit: str, vehicle: Vehicle) -> tuple[float, str]:
     return 1.0, unit
 
 
-def in_shares(estimates: Sequence[IntervalEstimate], vehicle: Vehicle) -> tuple[IntervalEstimate, ...]:
+def in_shares(
+    estimates: Sequence[IntervalEstimate], vehicle: Vehicle
+) -> tuple[IntervalEstimate, ...]:
     """Parameters as they are said of this vehicle."""
     return tuple(e.times(*scale(e.unit, vehicle)) for e in estimates)
 

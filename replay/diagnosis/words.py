@@ -10,7 +10,14 @@ from replay.search.estimates import IntervalEstimate
 from replay.search.results import Found
 from replay.search.visible import Visible
 
-AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
+AXIS_WORDS = (
+    "force forward",
+    "force to the right",
+    "force down",
+    "roll moment",
+    "pitch moment",
+    "yaw moment",
+)
 """Fx Fy Fz Mx My Mz, body FRD."""
 _CHANNELS = {
     "time_s": "time [s]",
@@ -120,14 +127,20 @@ def kept_words(effect: Effect) -> str:
     source = _OF_ONE_FLIGHT.get(effect.belongs_to, "one flight")
     if not effect.kept:
         if effect.stays is not None:
-            left = [f"what of it is the vehicle's, as {listed([plain(name) for name in effect.contains])}"]
+            left = [
+                f"what of it is the vehicle's, as {listed([plain(name) for name in effect.contains])}"
+            ]
         rest = f"; the amended model keeps {listed(left)}" if left else ""
         return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:
         corrects = (
-            "corrects what this sensor reads" if effect.in_flight.use is InFlight.MEASUREMENT else "corrects its logs"
+            "corrects what this sensor reads"
+            if effect.in_flight.use is InFlight.MEASUREMENT
+            else "corrects its logs"
         )
         return f"kept for this sensor: it {corrects}, and is not compensated in flight"
     if effect.belongs_to is BelongsTo.PLACE:
         return "kept: it acts only where a range shows such a place"
-    return "kept: it belongs to the vehicle" + (f"; of this flight only, not kept: {listed(gone)}" if gone else "")
+    return "kept: it belongs to the vehicle" + (
+        f"; of this flight only, not kept: {listed(gone)}" if gone else ""
+    )

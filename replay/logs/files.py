@@ -40,7 +40,8 @@ def read_file(path: Path, head: bytes = b"", kind: str = "") -> bytes:
 
 def _check_memory(path: Path, size: int) -> None:
     """Raises LogError before a log is read for which there is not enough memory."""
-    needed, free = _MEMORY_PER_BYTE * size, free_bytes()
+    needed = _MEMORY_PER_BYTE * size
+    free = free_bytes()
     if needed > free:
         sizes = f"{size / 1e9:.2g} GB of log need some {needed / 1e9:.2g} GB of memory, {free / 1e9:.2g} GB are free"
         raise LogError(f"{path}: {sizes}: cut it into parts, or use a machine with more")

@@ -67,7 +67,8 @@ def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np
     _, group = np.unique(content.view(f"V{content.shape[1]}").reshape(-1), return_inverse=True)
     order = np.argsort(group, kind="stable")
     again = np.diff(group[order]) == 0
-    first, repeat = order[:-1][again], order[1:][again]
+    first = order[:-1][again]
+    repeat = order[1:][again]
     stamps = np.unique(records["time_boot_ms"])
     period_ms = (stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1)
     # Between a message and its repeat lie others, and the repeats of others.

@@ -55,12 +55,16 @@ def believable_escs(escs: Mapping[int, EscRecord]) -> tuple[dict[int, EscRecord]
         speeds = believable(esc.rpm)
         lost = len(esc.rpm) - (0 if speeds is None else len(speeds))
         if lost > WORTH_A_NOTE * len(esc.rpm):
-            notes.append(f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost frames: left out")
+            notes.append(
+                f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost frames: left out"
+            )
         known[number] = replace(esc, rpm=speeds)
     copies = _repeated(known)
     if copies:
         numbers = ", ".join(map(str, sorted(copies)))
-        notes.append(f"ESC {numbers}: the same numbers as ESC {_sources(copies)}, sent twice: left out")
+        notes.append(
+            f"ESC {numbers}: the same numbers as ESC {_sources(copies)}, sent twice: left out"
+        )
     return {number: esc for number, esc in known.items() if number not in copies}, notes
 
 

@@ -11,7 +11,8 @@ import re
 import struct
 from dataclasses import dataclass
 
-_FILE_HEADER, _HEADER = 16, 3
+_FILE_HEADER = 16
+_HEADER = 3
 _TYPES = frozenset(b"BFIMPQAROLCSD")
 _TYPE = re.compile(rb"[BFIMPQAROLCSD]")
 _LONGEST, _LONG = 10_000, frozenset(b"FIM")
@@ -68,11 +69,13 @@ class _Walk:
             while i < end:
                 following = self._end(i)
                 if i < following <= end and self._readable(i, following):
-                    before, i = i, following
+                    before = i
+                    i = following
                     continue
                 if i < following <= end and self._chain(following, end):
                     self._lose(i, following)
-                    before, i = i, following
+                    before = i
+                    i = following
                     continue
                 # The length of the message before may be what is wrong.
                 resumed = self._resume(before + 1, end)
@@ -115,7 +118,8 @@ class _Walk:
             following = self._end(i)
             if not i < following <= end or not self._readable(i, following):
                 return False
-            i, count = following, count + 1
+            i = following
+            count = count + 1
         return count == _CHAIN or (count > 1 and i == end)
 
     def _readable(self, start: int, end: int) -> bool:

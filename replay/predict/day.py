@@ -42,7 +42,10 @@ class Day:
 
     def as_json(self) -> dict[str, dict[str, float]]:
         """Effects to their numbers."""
-        return {name: {key: float(f"{value:.4g}") for key, value in said.items()} for name, said in self.said.items()}
+        return {
+            name: {key: float(f"{value:.4g}") for key, value in said.items()}
+            for name, said in self.said.items()
+        }
 
 
 def learning_time(record: Record) -> Mask:
@@ -51,7 +54,10 @@ def learning_time(record: Record) -> Mask:
 
 
 def learn_day(
-    record: Record, residual: Array, adopted: Sequence[AdoptedEffect], of_day: Mapping[str, Mapping[str, float]]
+    record: Record,
+    residual: Array,
+    adopted: Sequence[AdoptedEffect],
+    of_day: Mapping[str, Mapping[str, float]],
 ) -> Day:
     """The day of a flight by what a model leaves (n, 6) of its start.
 
@@ -75,11 +81,13 @@ def learn_day(
             spread.append(effect.coefficients[i].spread(record.context))
     x = np.stack(columns, axis=-1)
     rows = learning_time(record)
-    prior, y = 1.0 / np.array(spread) ** 2, residual[rows]
+    prior = 1.0 / np.array(spread) ** 2
+    y = residual[rows]
     values = np.zeros(len(spread))
     least = QUIETEST * hundredths(record.context)
     for _ in range(ROUNDS):
-        precision, towards = np.diag(prior), np.zeros(len(spread))
+        precision = np.diag(prior)
+        towards = np.zeros(len(spread))
         noise = np.maximum(np.sqrt(((y - x[rows] @ values) ** 2).mean(axis=0)), least)
         for axis in record.axes:
             weight = record.step_s / CORRELATED_S / noise[axis] ** 2
@@ -90,7 +98,10 @@ def learn_day(
 
 
 def _said(
-    context: Context, names: Sequence[tuple[str, str]], values: Array, known: Mapping[str, Mapping[str, float]]
+    context: Context,
+    names: Sequence[tuple[str, str]],
+    values: Array,
+    known: Mapping[str, Mapping[str, float]],
 ) -> dict[str, dict[str, float]]:
     """Coefficients of the day as people say them, beside what the model has of the vehicle, or else what is usual."""
     of_effect: dict[str, dict[str, float]] = {}
@@ -100,9 +111,15 @@ def _said(
     for name, found in of_effect.items():
         effect = get(name)
         # What the context's model has of it, an effect adds by itself.
-        declared = {e.name for e in getattr(context.model, "effects", ())} & {name, *effect.contains}
+        declared = {e.name for e in getattr(context.model, "effects", ())} & {
+            name,
+            *effect.contains,
+        }
         own = known.get(name, {})
-        beside = {c.name: 0.0 if declared else own.get(c.name, c.mean(context)) for c in effect.coefficients}
+        beside = {
+            c.name: 0.0 if declared else own.get(c.name, c.mean(context))
+            for c in effect.coefficients
+        }
         beside |= {s.name: own.get(s.name, 0.0) for s in effect.shapes}
         quantities = {q.instead_of: q.name for q in effect.shown.quantities}
         said = effect.said(context, beside | found)

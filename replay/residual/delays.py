@@ -62,7 +62,10 @@ def rotor_delay(ctx: Context, grid: Grid) -> Delay:
     lift = ctx.thrust.sum(axis=1)
     heave = -ctx.vehicle.mass_kg * ctx.state.specific_force[:, 2]
     best, correlation = _lag(heave, lift, grid.rate)
-    corrected = bool(correlation > SEEN_ROTORS and best > -(SPEED_LEAD_S if ctx.vehicle.telemetered else OUTPUT_LEAD_S))
+    corrected = bool(
+        correlation > SEEN_ROTORS
+        and best > -(SPEED_LEAD_S if ctx.vehicle.telemetered else OUTPUT_LEAD_S)
+    )
     signal = "rotor speed" if ctx.vehicle.telemetered else "servo outputs"
     return Delay(signal, best, correlation, corrected)
 
@@ -103,7 +106,8 @@ def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
     both = np.isfinite(a) & np.isfinite(b)
     if both.sum() < FEWEST_SAMPLES:
         return 0.0, 0.0
-    a, b = np.where(both, a, 0.0), np.where(both, b, 0.0)
+    a = np.where(both, a, 0.0)
+    b = np.where(both, b, 0.0)
     reach = max(int(LONGEST_DELAY_S * rate), 1)
     norm = float(np.sqrt((a @ a) * (b @ b)))
     if norm <= 0.0:

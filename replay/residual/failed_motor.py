@@ -285,7 +285,9 @@ def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -
     )
 
 
-def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int) -> _Compared | None:
+def _compare(
+    signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int
+) -> _Compared | None:
     """Rows ``begin`` to ``end`` against ``start`` to ``begin``, which are as before under all of these."""
     after = _after(signals, noise, start, begin, end)
     if after is None:
@@ -307,7 +309,9 @@ def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: 
     return _Compared(np.array(lost), np.array(shares), _sum(none), _sum(pushed), _sum(struck))
 
 
-def _stands(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int, k: int) -> bool:
+def _stands(
+    signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int, k: int
+) -> bool:
     """Whether the loss explains what follows: all of it within its noise, and no part better without it.
 
     A motor that failed does not recover; what does was a manoeuvre, or a blow.
@@ -335,7 +339,9 @@ def _stands(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: i
     return True
 
 
-def _before(signals: _Signals, noise: _Noise, rows: NDArray[np.int_], level_a: Array, level_m: Array) -> Array:
+def _before(
+    signals: _Signals, noise: _Noise, rows: NDArray[np.int_], level_a: Array, level_m: Array
+) -> Array:
     """Log likelihood (gains,) of the rows before a beginning, about their own mean."""
     moved = signals.measured[rows] - level_a
     asked = signals.declared[rows] - level_m

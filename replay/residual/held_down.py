@@ -17,7 +17,8 @@ from replay.residual.grid import Mask, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
 
 DID_NOT_FLY = (
-    "did not fly: rotors turn, but attitude, height and acceleration do not answer (tied down, or on the ground)"
+    "did not fly: rotors turn, but attitude, height and acceleration do not answer "
+    "(tied down, or on the ground)"
 )
 TURNING_SHARE = 0.1
 """Modelled lift over weight above which rotors turn, and do not just idle."""
@@ -166,7 +167,9 @@ def _held(seen: _Seen) -> Mask:
     return np.asarray(held)
 
 
-def _all_held(seen: _Seen, group: list[Array], windows: list[Array], answers: list[_Answer]) -> bool:
+def _all_held(
+    seen: _Seen, group: list[Array], windows: list[Array], answers: list[_Answer]
+) -> bool:
     """Whether some runs are of a vehicle that is held all the time."""
     together = np.concatenate(group)
     inside = [a for w, a in zip(windows, answers, strict=True) if np.isin(w, together).all()]

@@ -50,11 +50,14 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
     vehicle = ctx.vehicle
     if not vehicle.telemetered or flying.sum() < FEWEST_SAMPLES:
         return []
-    typical, spread = np.nanmedian(ctx.state.rpm[flying], axis=0), np.nanstd(ctx.state.rpm[flying], axis=0)
+    typical = np.nanmedian(ctx.state.rpm[flying], axis=0)
+    spread = np.nanstd(ctx.state.rpm[flying], axis=0)
     out = []
     for k, rpm in enumerate(typical):
         others = np.isfinite(typical) & (np.arange(len(typical)) != k)
-        usual, varies = (float(np.median(x[others])) if others.any() else np.nan for x in (typical, spread))
+        usual, varies = (
+            float(np.median(x[others])) if others.any() else np.nan for x in (typical, spread)
+        )
         tip = vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
         if rpm < DEAD_SHARE * usual:
             what = f"reads {rpm:.0f} rpm in flight{_output_of(ctx, k, flying)}"
@@ -70,7 +73,9 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
     return out
 
 
-def impossible_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
+def impossible_speeds(
+    log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask
+) -> list[LogFault]:
     """Speeds that no multirotor hovers with on such a battery: all in another unit, or by another number of poles.
 
     Of all ESCs of the log, whether or not the vehicle file takes its thrust from them.
@@ -108,7 +113,9 @@ def _hover(log: FlightLog, vehicle: Vehicle) -> Hover:
     return Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=volts)
 
 
-def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
+def shifted_speeds(
+    log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask
+) -> list[LogFault]:
     """Speeds that stand at other ESC numbers than their motors: each follows the output of another one.
 
     Right is ArduPilot's rule (an ESC has the number of its output), PX4's (that of its motor), and the mere order.
@@ -136,7 +143,9 @@ def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mas
         return []
     pairs = sorted(zip(numbers, [moving[k] for k in best], strict=True))
     said = ", ".join(f"ESC {n} output {o}" for n, o in pairs)
-    what = f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
+    what = (
+        f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
+    )
     return [LogFault(f"rpm_{min(numbers)}", what)]
 
 
@@ -197,7 +206,9 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
     return [
         LogFault(f"rpm_{number}", "turns in flight, and the vehicle file knows no such rotor")
         for number, esc in log.escs.items()
-        if number not in known and esc.rpm is not None and float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual
+        if number not in known
+        and esc.rpm is not None
+        and float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual
     ]
 
 
@@ -207,7 +218,9 @@ def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     curve = ctx.vehicle.throttle
     if curve is None or not flying.any():
         return [], never
-    outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)
+    outputs = np.stack(
+        [ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1
+    )
     with np.errstate(invalid="ignore"):
         at_stop = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
     at_stop &= flying[:, None]
@@ -216,7 +229,9 @@ def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     if share <= FULL_REPORTED:
         return [], never
     channel = _channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
-    return [LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")], full
+    return [
+        LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")
+    ], full
 
 
 def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
@@ -231,11 +246,13 @@ def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> li
     """All outputs, or all speeds of a vehicle that turns, are one number: no moment can be modelled."""
     vehicle = ctx.vehicle
     if vehicle.telemetered:
-        values, most = ctx.state.rpm[flying], EQUAL_RPM
+        values = ctx.state.rpm[flying]
+        most = EQUAL_RPM
         what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
     else:
         assert log.servo is not None
-        values, most = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]], EQUAL_US
+        values = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]
+        most = EQUAL_US
         what = "all servo outputs are copies of one number: moments cannot be judged"
     values = values[np.isfinite(values).all(axis=1)]
     if values.shape[1] < 2 or len(values) < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:

@@ -64,7 +64,9 @@ class ResidualChannel:
     lever, for moments) [N or N m]. ``where`` (K,): row of a column of the library, or -1.
     """
 
-    def __init__(self, flight: int, axis: int, y: Array, run: NDArray[np.int64], limit: float) -> None:
+    def __init__(
+        self, flight: int, axis: int, y: Array, run: NDArray[np.int64], limit: float
+    ) -> None:
         self.flight = flight
         self.axis = axis
         self.valid = run >= 0
@@ -123,7 +125,8 @@ class Whitened:
     """
 
     def __init__(self, channel: ResidualChannel, spectrum: Spectrum) -> None:
-        self.channel, self._spectrum = channel, spectrum
+        self.channel = channel
+        self._spectrum = spectrum
         self._rows = Rows(np.empty((0, len(channel.run))))
         self._gram = np.zeros((0, 0))
         self._known = np.zeros((0, 0), bool)

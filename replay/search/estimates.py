@@ -56,7 +56,11 @@ class IntervalEstimate:
         if self.ci95 is None:
             return 1.0
         low, high = self.ci95
-        return float(ndtr(abs(self.value) / (high - low) * 2.0 * _SIDE)) if low <= 0.0 <= high and low < high else 1.0
+        return (
+            float(ndtr(abs(self.value) / (high - low) * 2.0 * _SIDE))
+            if low <= 0.0 <= high and low < high
+            else 1.0
+        )
 
     def times(self, factor: float, unit: str) -> IntervalEstimate:
         """In another unit."""
@@ -80,8 +84,12 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
     Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
     Statistics 9, 586), and beside it that between the sets that hold the effect.
     """
-    effect, best, flight, context = term.named, walked.best, fit.index, fit.record.context
-    part, place = best.part(term), term.place(flight)
+    effect = term.named
+    best = walked.best
+    flight = fit.index
+    context = fit.record.context
+    part = best.part(term)
+    place = term.place(flight)
     mean = effect.mixed(best.sizes(term, flight), term.shape)
     root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
     root = effect.mixed((term.scale[place, None] * root).T, term.shape)
@@ -92,8 +100,11 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
     fitted: list[IntervalEstimate] = []
     possible: list[IntervalEstimate] = []
     for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
-        low, high, typical = c.least(context), c.most(context), c.spread(context)
-        value, half = float(np.clip(m, low, high)), _SIDE * s
+        low = c.least(context)
+        high = c.most(context)
+        typical = c.spread(context)
+        value = float(np.clip(m, low, high))
+        half = _SIDE * s
         at = min(value - low, high - value) < BOUND_SHARE * min(high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         interval = min(value, m - half), max(value, m + half)
@@ -129,11 +140,17 @@ def said(
             out.append(replace(e, name=quantity.name, unit=quantity.unit))
         else:
             low, value, high = _quantiles(quantity.of(context, draws), weight)
-            out.append(IntervalEstimate(quantity.name, value, (low, high), quantity.unit, e.at_bound, e.determined))
+            out.append(
+                IntervalEstimate(
+                    quantity.name, value, (low, high), quantity.unit, e.at_bound, e.determined
+                )
+            )
     return tuple(out)
 
 
-def shape_estimates(walked: Walked, term: Term, flights: Sequence[int]) -> tuple[IntervalEstimate, ...]:
+def shape_estimates(
+    walked: Walked, term: Term, flights: Sequence[int]
+) -> tuple[IntervalEstimate, ...]:
     """Every shape parameter of a term of the best set."""
     return tuple(_shape_estimate(walked, term, i, flights) for i in range(len(term.named.shapes)))
 
@@ -176,7 +193,8 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
 
     sum p_S (b_S - ``mean``)^2 / sum p_S: Hoeting et al. 1999, Statistical Science 14, 382.
     """
-    out, total = np.zeros_like(mean), 0.0
+    out = np.zeros_like(mean)
+    total = 0.0
     for fit, weight in walked.weighted():
         for t in fit.terms:
             if t.effect is not None and t.key == term.key and flight in t.places:
@@ -191,7 +209,8 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     The density over the values tried goes with exp(TRUST gain in log evidence), each out to half way to the next, the
     other parameters at their likeliest. It is no narrower than the folds and the other sets say.
     """
-    shape, value = term.named.shapes[i], float(term.shape[i])
+    shape = term.named.shapes[i]
+    value = float(term.shape[i])
     if not shape.continuous or value in shape.kinds:
         return IntervalEstimate(shape.name, value, None, shape.unit)
     gains = _profile(walked, term, i)
@@ -202,8 +221,11 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
     total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
     low, high = np.interp([0.025, 0.975], total / total[-1], edges)
-    half = _SIDE * np.sqrt(_between_shapes(walked, term, i) + _folds_variance(walked, term, i, flights))
-    low, high = min(low, value - half), max(high, value + half)
+    half = _SIDE * np.sqrt(
+        _between_shapes(walked, term, i) + _folds_variance(walked, term, i, flights)
+    )
+    low = min(low, value - half)
+    high = max(high, value + half)
     if tried[0] >= 0.0:
         low = max(low, 0.0)
     at = value in (tried[0], tried[-1]) and not (value == 0.0 and shape.free_at_zero)
@@ -212,7 +234,8 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
 
 def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
     """By value of a shape parameter the largest TRUST gain in log evidence beside the other terms of the best set."""
-    evidence, shape = walked.evidence, term.named.shapes[i]
+    evidence = walked.evidence
+    shape = term.named.shapes[i]
     beside = [t for t in walked.best.terms if t is not term]
     screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
     gains: dict[float, float] = {}
@@ -225,7 +248,8 @@ def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
 
 def _between_shapes(walked: Walked, term: Term, i: int) -> float:
     """Variance of a shape parameter over the sets that hold the effect, by their probability, about this one."""
-    out, total = 0.0, 0.0
+    out = 0.0
+    total = 0.0
     for fit, weight in walked.weighted():
         for t in fit.terms:
             if t.key == term.key:
@@ -249,7 +273,10 @@ def _folds_variance(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     for flight in flights:
         vertices = []
         for left_out in folds_of(walked.evidence.library, flight):
-            fits = [walked.evidence.refit(terms, walked.best.noise, {flight: left_out}) for terms in sets]
+            fits = [
+                walked.evidence.refit(terms, walked.best.noise, {flight: left_out})
+                for terms in sets
+            ]
             vertex = _vertex(values, np.array([_log_posterior(f) for f in fits]))
             vertices.append(np.clip(vertex, *_tried(walked.evidence, term, i)))
         variance += float(_jackknife(np.array(vertices)[:, None])[0])
@@ -269,7 +296,11 @@ def _beside_each_other(evidence: Evidence, term: Term, i: int) -> tuple[Term, Te
     same = [library.terms[number] for number in library.numbers_of[term.key]]
     rest = term.shape[:i] + term.shape[i + 1 :]
     kinds = term.named.shapes[i].kinds
-    row = {t.shape[i]: t for t in same if t.shape[:i] + t.shape[i + 1 :] == rest and t.shape[i] not in kinds}
+    row = {
+        t.shape[i]: t
+        for t in same
+        if t.shape[:i] + t.shape[i + 1 :] == rest and t.shape[i] not in kinds
+    }
     below = [v for v in row if v < term.shape[i]]
     above = [v for v in row if v > term.shape[i]]
     if not below or not above:
@@ -279,7 +310,9 @@ def _beside_each_other(evidence: Evidence, term: Term, i: int) -> tuple[Term, Te
 
 def _log_posterior(fit: Fit) -> float:
     """Of a refitted set beside its noise, up to what is the same for all sets: 1/2 (b^T A b + log det A^-1)."""
-    return 0.5 * float(fit.b @ np.linalg.solve(fit.cov, fit.b)) + 0.5 * float(np.linalg.slogdet(fit.cov)[1])
+    return 0.5 * float(fit.b @ np.linalg.solve(fit.cov, fit.b)) + 0.5 * float(
+        np.linalg.slogdet(fit.cov)[1]
+    )
 
 
 def _vertex(x: Array, y: Array) -> float:

@@ -110,9 +110,9 @@ class Evidence:
         self._white: dict[tuple[int, int], Whitened] = {}
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         channels = library.channels
-        self._det = np.array([[s.log_determinant(c.run) for s in self.spectra] for c in channels]).reshape(
-            -1, len(self.spectra)
-        )
+        self._det = np.array(
+            [[s.log_determinant(c.run) for s in self.spectra] for c in channels]
+        ).reshape(-1, len(self.spectra))
         self._counts = np.array([c.count for c in channels])
         share = np.array([s.slow_share for s in self.spectra])
         slower = np.maximum(np.array([s.slow_s for s in self.spectra]) / GUST_S, 1.0)
@@ -140,7 +140,9 @@ class Evidence:
         for channel in self.library.channels:
             known = (channel.run >= 0).astype(float)
             kernel = np.ones(min(round(QUIET_S / STEP_S), len(known)))
-            mean = np.convolve(channel.rows[0], kernel, "same") / np.maximum(np.convolve(known, kernel, "same"), 1.0)
+            mean = np.convolve(channel.rows[0], kernel, "same") / np.maximum(
+                np.convolve(known, kernel, "same"), 1.0
+            )
             fast = np.where(known > 0, channel.rows[0] - mean, 0.0)
             sigma.append(float(np.sqrt(fast @ fast / channel.count + (FLOOR * channel.limit) ** 2)))
         number = [(s.slow_s, s.slow_share) for s in self.spectra].index(QUIET_SPECTRUM)
@@ -172,9 +174,13 @@ class Evidence:
         for left in reversed(range(ROUNDS + 1)):
             b, cov = self._posterior(design, noise)
             u = Contributions(design, b, cov)
-            form, energies = form_variance(u), self._energies(u.rest)
+            form = form_variance(u)
+            energies = self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
-            if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
+            if not left or (
+                fresh.spectrum == noise.spectrum
+                and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)
+            ):
                 break
             noise = fresh
         evidence, loud = self._laplace(design, b, cov, energies, form)
@@ -197,9 +203,13 @@ class Evidence:
         """What ``deserved`` is where every coefficient is surely within its bounds, and every term worth a name."""
         return -sum(t.log_within for t in terms)
 
-    def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
+    def refit(
+        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING
+    ) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        return Fit(tuple(terms), *self._posterior(self._design(tuple(terms)), noise, left_out), noise)
+        return Fit(
+            tuple(terms), *self._posterior(self._design(tuple(terms)), noise, left_out), noise
+        )
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -237,7 +247,9 @@ class Evidence:
             for white, variance in channels:
                 own += white.within(white.channel.where[columns]) / variance
             v = g[at] + centre
-            gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
+            gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(
+                axis=1
+            )
             out[group.numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
@@ -305,13 +317,17 @@ class Evidence:
         lowest = np.maximum(least[:, None], self._floor)
         return np.asarray(np.maximum(energies / self._counts[:, None], lowest))
 
-    def _laplace(self, design: Design, b: Array, cov: Array, energies: Array, form: Array) -> tuple[float, float]:
+    def _laplace(
+        self, design: Design, b: Array, cov: Array, energies: Array, form: Array
+    ) -> tuple[float, float]:
         """Log marginal likelihood by Laplace's approximation, and minus the log prior of the noise in it.
 
         The noise is what is left, by the spectrum that is likeliest with its prior.
         """
         variance = self._variance(energies, form)
-        cost = 0.5 * (self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det)
+        cost = 0.5 * (
+            self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det
+        )
         loud = self._unlikely * variance
         best = np.arange(len(cost)), np.argmin(np.round(TRUST * cost + loud, 6), axis=1)
         value = -float(cost[best].sum())
@@ -323,7 +339,9 @@ class Evidence:
             value += 0.5 * float(np.linalg.slogdet(cov)[1])
         return value, float(loud[best].sum())
 
-    def _posterior(self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> tuple[Array, Array]:
+    def _posterior(
+        self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING
+    ) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
         self.work += 1.0 + self._samples / WORTH_A_SET
         r = design.centre.copy()

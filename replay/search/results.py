@@ -140,7 +140,9 @@ def summarise(walked: Walked) -> Searched:
         walked, fits, without = _acting(bare)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     names = dict.fromkeys(t.name for t in chosen)
-    found = _at_most_all([_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names])
+    found = _at_most_all(
+        [_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names]
+    )
     found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
     return Searched(
         traces=tuple(fits),
@@ -153,7 +155,9 @@ def summarise(walked: Walked) -> Searched:
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
     """A map of surfaces and the laws that it corrects: only their sum is known well."""
-    return {name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)}
+    return {
+        name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)
+    }
 
 
 def _at_most_all(found: Sequence[Found]) -> list[Found]:
@@ -174,7 +178,10 @@ def _predictive(walked: Walked) -> Walked:
         more = any(other < names for other in likeliest)
         if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS and not more:
             likeliest.setdefault(names, fit)
-    left = {fit.key: sum(f.energy(f.after) for f in flight_fits(walked.evidence, fit)) for fit in likeliest.values()}
+    left = {
+        fit.key: sum(f.energy(f.after) for f in flight_fits(walked.evidence, fit))
+        for fit in likeliest.values()
+    }
     least = min(left.values())
     chosen = next(fit for fit in likeliest.values() if left[fit.key] <= HELD_OUT * least)
     return walked if chosen.key == walked.best.key else walked.at_most(chosen)
@@ -240,7 +247,9 @@ def _raised(fits: Sequence[FlightFit], axis: int) -> float:
     return (after - before) / max(before, 1e-12)
 
 
-def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[FlightFit], dict[Key, tuple[str, ...]]]:
+def _by_axis(
+    fits: Sequence[FlightFit], keys: Sequence[Key]
+) -> tuple[list[FlightFit], dict[Key, tuple[str, ...]]]:
     """Every flight without effects on axes of which they raise the error of held-out time; by ``keys``, these axes.
 
     One after the other, the worst first: the others are judged beside what is left. Each may help beside the others
@@ -316,9 +325,13 @@ def _found(
 def _small(fit: FlightFit, key: Key) -> bool:
     """Whether an effect removes less than ``SMALL`` of the energy of every part of a flight."""
     removed = fit.after + fit.effects[key].held_out
-    parts = [mask for mask in regimes(fit.record).values() if mask.sum() * fit.record.step_s >= LEAST_S]
+    parts = [
+        mask for mask in regimes(fit.record).values() if mask.sum() * fit.record.step_s >= LEAST_S
+    ]
     for mask in (fit.record.valid, *parts):
-        before, after, without = (fit.energy(x * mask[:, None]) for x in (fit.before, fit.after, removed))
+        before, after, without = (
+            fit.energy(x * mask[:, None]) for x in (fit.before, fit.after, removed)
+        )
         if without - after >= SMALL * before:
             return False
     return True
@@ -355,7 +368,11 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
     for name, own in numbers.items():
         term = library.terms[max(own, key=lambda i: float(gain[i]))]
         excited = name in walked.worse or _excited(walked, term)
-        reason = walked.why_not(name) if excited else "this flight hardly excites it: " + term.named.excite
+        reason = (
+            walked.why_not(name)
+            if excited
+            else "this flight hardly excites it: " + term.named.excite
+        )
         out.append(Rejected(name, reason, excited, walked.probability(name, ())))
     return tuple(out)
 

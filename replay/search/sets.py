@@ -72,18 +72,26 @@ class Walked:
 
     def at_most(self, best: Fit) -> Walked:
         """With this set as the best, and without those that are likelier."""
-        fits = {best.key: best} | {key: fit for key, fit in self.fits.items() if fit.score <= best.score}
+        fits = {best.key: best} | {
+            key: fit for key, fit in self.fits.items() if fit.score <= best.score
+        }
         return replace(self, fits=fits, best=best)
 
     def ranked(self) -> list[Fit]:
         """Likeliest first."""
-        return sorted(self.fits.values(), key=lambda f: (-round(f.score, 6), str(sorted(map(str, f.key)))))
+        return sorted(
+            self.fits.values(), key=lambda f: (-round(f.score, 6), str(sorted(map(str, f.key))))
+        )
 
     def weighted(self) -> list[tuple[Fit, float]]:
         """Sets with their probability exp(score) / sum of exp(score), those of some weight."""
         top = max(f.score for f in self.fits.values())
         total = sum(float(np.exp(f.score - top)) for f in self.fits.values())
-        return [(f, float(np.exp(f.score - top)) / total) for f in self.ranked() if f.score > top - NEGLIGIBLE]
+        return [
+            (f, float(np.exp(f.score - top)) / total)
+            for f in self.ranked()
+            if f.score > top - NEGLIGIBLE
+        ]
 
     def probability(self, name: str, aliases: Sequence[str]) -> float:
         """That the effect, or one that stands in its place, acts: the sum over the sets that hold one of them.
@@ -94,7 +102,11 @@ class Walked:
         if effect is not None and effect.remainder:
             return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
         wanted = {name, *aliases}
-        p = sum(w for f, w in self.weighted() if wanted & {t.name for t in f.terms if t.effect is not None})
+        p = sum(
+            w
+            for f, w in self.weighted()
+            if wanted & {t.name for t in f.terms if t.effect is not None}
+        )
         return round(min(p, SURE), 3)
 
     def why_not(self, name: str) -> str:
@@ -126,11 +138,17 @@ def aliases(walked: Walked) -> dict[Key, list[str]]:
         few = 0 < len(gone) <= 2 and 0 < len(new) <= 2
         if few and fit.score >= best.score - ALIAS_NATS and all(t.effect is not None for t in new):
             for key in gone:
-                out[key] += [name for name in sorted({t.name for t in new}) if name not in (key[0], *out[key])]
+                out[key] += [
+                    name
+                    for name in sorted({t.name for t in new})
+                    if name not in (key[0], *out[key])
+                ]
     return out
 
 
-def class_of(walked: Walked, effect: Effect, instead: Sequence[str]) -> tuple[tuple[str, float], ...]:
+def class_of(
+    walked: Walked, effect: Effect, instead: Sequence[str]
+) -> tuple[tuple[str, float], ...]:
     """An effect of the best set and those that may act in its place, with their probabilities, the largest first.
 
     P(a) is the sum of exp(score) over the weighed sets without the effect that hold a, divided by that over all; sets
@@ -162,5 +180,7 @@ def canonical(fits: list[Fit]) -> Fit:
     """
     best = max(fits, key=lambda f: f.score)
     near = [f for f in fits if f.score >= best.score - MARGIN]
-    least = min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
+    least = min(
+        near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms))
+    )
     return best if least.key < best.key and least.score < best.score - NAMED else least

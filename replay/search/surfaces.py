@@ -62,6 +62,9 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
     """Without the terms that the map, which is the last, clearly makes unnecessary."""
-    lighter = [walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise) for term in fit.terms[:-1]]
+    lighter = [
+        walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise)
+        for term in fit.terms[:-1]
+    ]
     lightest = max(lighter, key=lambda f: f.promise, default=fit)
     return _lighter(walked, lightest) if lightest.promise > fit.promise + MARGIN else fit

@@ -93,10 +93,12 @@ def without_form(term: Term) -> Term:
 
 def log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
     """Log of the probability of N(mean, sd) between low and high, element by element."""
-    lo, hi = np.maximum((low - mean) / sd, -1e8), np.minimum((high - mean) / sd, 1e8)
+    lo = np.maximum((low - mean) / sd, -1e8)
+    hi = np.minimum((high - mean) / sd, 1e8)
     flip = lo > 0.0
     lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
-    upper, lower = log_ndtr(hi), log_ndtr(lo)
+    upper = log_ndtr(hi)
+    lower = log_ndtr(lo)
     return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
 
 
@@ -105,7 +107,8 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
     spread = np.array([c.spread(context) for c in effect.coefficients])
     centre = np.array([c.mean(context) for c in effect.coefficients])
     if effect.at_shape:
-        spread[0], centre[0] = AT_SHAPE_SPREAD * abs(shape[0]), shape[0]
+        spread[0] = AT_SHAPE_SPREAD * abs(shape[0])
+        centre[0] = shape[0]
     return spread, centre
 
 
@@ -128,7 +131,9 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
     """
     valid = record.valid
-    size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)
+    size = np.sqrt(
+        (x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2
+    )
     top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
     if top < 1e-9 * record.context.weight:
         return []
@@ -155,7 +160,9 @@ def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[floa
     """
     named = [list(zip(s, effect.shapes, strict=True)) for s in shapes]
     kind = np.array([any(v in p.kinds for v, p in values) for values in named])
-    weight = np.exp([-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named])
+    weight = np.exp(
+        [-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named]
+    )
     for part in (kind, ~kind):
         if part.any():
             weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()

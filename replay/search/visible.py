@@ -88,7 +88,9 @@ def _least_of(walked: Walked, terms: Sequence[Term]) -> Visible | None:
     )
 
 
-def _said(term: Term, context: Context, coefficient: Coefficient, least: float) -> tuple[str, float, str]:
+def _said(
+    term: Term, context: Context, coefficient: Coefficient, least: float
+) -> tuple[str, float, str]:
     """Name, size and unit as people say it: with the other parameters at their prior mean."""
     effect = term.named
     quantity = next((q for q in effect.shown.quantities if q.instead_of == coefficient.name), None)

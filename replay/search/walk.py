@@ -161,12 +161,15 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Every member's best shape beside the others."""
     evidence = sets.evidence
     for term in (t for t in fit.terms if only in (None, t.key)):
-        terms, rivals = evidence.library.terms, evidence.library.numbers_of[term.key]
+        terms = evidence.library.terms
+        rivals = evidence.library.numbers_of[term.key]
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]
         screened = evidence.screen(evidence.refit(others, fit.noise), term.key)
-        rival = terms[max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))]
+        rival = terms[
+            max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))
+        ]
         if rival is not term:
             new = sets.weigh([*others, rival], fit)
             if new.score > fit.score:
@@ -176,9 +179,15 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
 
 def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Shapes between the points of the grid."""
-    for done in range(max((t.effect.halvings for t in fit.terms if t.effect is not None), default=0)):
+    for done in range(
+        max((t.effect.halvings for t in fit.terms if t.effect is not None), default=0)
+    ):
         for term in fit.terms:
-            if (only is not None and term.key != only) or term.effect is None or term.effect.halvings <= done:
+            if (
+                (only is not None and term.key != only)
+                or term.effect is None
+                or term.effect.halvings <= done
+            ):
                 continue
             if term in fit.terms and sets.evidence.library.finer(term, 0.5):
                 fit = _reshaped(sets, fit, only=term.key)

@@ -39,7 +39,8 @@ class Contributions:
 
     def __init__(self, design: Design, b: Array, cov: Array) -> None:
         self.design = design
-        self._b, self._cov = b, cov
+        self._b = b
+        self._cov = cov
         every = np.vstack([design.of_term, ~design.of_term.any(axis=0)])
         done = design.times(np.where(every, b, 0.0))
         self.whole = [d[:, :-1] for d in done]
@@ -52,7 +53,9 @@ class Contributions:
         """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
         possible = self._b.copy()
         design = self.design
-        for term, part in zip(design.terms, map(slice, design.edges, design.edges[1:]), strict=True):
+        for term, part in zip(
+            design.terms, map(slice, design.edges, design.edges[1:]), strict=True
+        ):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
         return design.times(np.where(design.of_term, possible, 0.0))
@@ -67,11 +70,14 @@ class Contributions:
         design = self.design
         centre = design.centre
         usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
-        low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
+        low = np.minimum(self._b, centre - usual)
+        high = np.maximum(self._b, centre + usual)
         lost = np.empty((len(design.terms), len(centre)))
         for i, (term, first) in enumerate(zip(design.terms, design.edges, strict=False)):
             gone = first + np.flatnonzero((term.main > 0.0) | term.form)
-            taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
+            taken = self._cov[:, gone] @ np.linalg.solve(
+                self._cov[np.ix_(gone, gone)], self._b[gone]
+            )
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
@@ -111,7 +117,9 @@ def cancelled(u: Contributions) -> float:
     for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
         together = whole.sum(axis=1)
         free = axes[0].count * (CANCEL_FREE * limits(axes)) ** 2
-        ratio = np.einsum("atn,atn->a", whole, whole) / (np.einsum("an,an->a", together, together) + free)
+        ratio = np.einsum("atn,atn->a", whole, whole) / (
+            np.einsum("an,an->a", together, together) + free
+        )
         several = np.count_nonzero(whole.any(axis=2), axis=1) > 1
         worst = max(worst, float(np.max(ratio, where=several, initial=0.0)))
     return float(np.sqrt(worst))
@@ -129,7 +137,9 @@ def standing(u: Contributions) -> Array:
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
     left = (sizes * form[:, None]) ** 2
     channels = u.design.library.channels
-    open_ = np.concatenate([slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)])
+    open_ = np.concatenate(
+        [slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)]
+    )
     beside = left.sum(axis=0) - left + open_**2
     large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.

@@ -23,7 +23,13 @@ from models.vehicle_plausibility import findings, target_of
 from models.vehicle_setup.estimate import Guess, typical_sizes
 from models.vehicle_setup.motor_outputs import PORT_OUTPUTS
 from models.vehicle_setup.rotor_speed import Hover, misread
-from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges
+from models.vehicle_setup.setup import (
+    COMMON_PROPELLERS,
+    USUAL_PULSES,
+    Answers,
+    build,
+    parameter_ranges,
+)
 from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_types import ASSUMABLE
 from replay.flightlog import FlightLog, MotorOutputs
@@ -96,15 +102,24 @@ class Draft:
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
         facts = {"known": self.known, "assumed": self.assumed}
-        return {"drafted": True, **{name: [f.as_json() for f in some] for name, some in facts.items()}}
+        return {
+            "drafted": True,
+            **{name: [f.as_json() for f in some] for name, some in facts.items()},
+        }
 
     def as_toml(self) -> str:
         """A vehicle file, with where each number comes from."""
         origin = {f.key: f.source for f in (*self.known, *self.assumed)}
-        return vehicle_text(self.vehicle, origin, "Drafted from a log. Every key: docs/vehicle.md. SI units, body FRD.")
+        return vehicle_text(
+            self.vehicle,
+            origin,
+            "Drafted from a log. Every key: docs/vehicle.md. SI units, body FRD.",
+        )
 
 
-def draft(paths: Sequence[Path], given: Given, target_system: int | None = None, *, measured: bool = True) -> Draft:
+def draft(
+    paths: Sequence[Path], given: Given, target_system: int | None = None, *, measured: bool = True
+) -> Draft:
     """The vehicle that flew in all these logs; not ``measured``: as parameters and outputs say, no flight is judged.
 
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
@@ -112,7 +127,9 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None,
     read: dict[Path, list[FlightLog]] = {}
     logs = _flown(paths[:_LOGS], target_system, given.settings, read)
     parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
-    logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
+    logs = [
+        log for log in logs if turns(log)
+    ] or logs  # what stood on the bench lends its parameters alone
     if all(map(is_tandem, logs)):
         return _tandem(given)
     _refuse_two(logs)
@@ -196,7 +213,8 @@ def _flown(
 
     What is read is kept in ``read``.
     """
-    out, problems = [], []
+    out = []
+    problems = []
     for path in paths:
         try:
             read[path] = load(path, target_system, settings)
@@ -212,7 +230,9 @@ def _flown(
 
 def _tandem(given: Given) -> Draft:
     if given.propeller_m is not None or given.span_m is not None:
-        raise ConfigError(f"--propeller, --span: the log is of {TANDEM}, whose sizes are known; leave them out")
+        raise ConfigError(
+            f"--propeller, --span: the log is of {TANDEM}, whose sizes are known; leave them out"
+        )
     vehicle = default_vehicle()
     if given.mass_kg is not None:
         vehicle = replace(vehicle, mass_kg=given.mass_kg)
@@ -222,7 +242,9 @@ def _tandem(given: Given) -> Draft:
 def _refuse_two(logs: Sequence[FlightLog]) -> None:
     """ConfigError where logs contradict each other; a frame that one does not say may be that of another."""
     frames = [airframe(log) for log in logs]
-    names = [TANDEM if is_tandem(log) else frame.name for log, frame in zip(logs, frames, strict=True)]
+    names = [
+        TANDEM if is_tandem(log) else frame.name for log, frame in zip(logs, frames, strict=True)
+    ]
     sure = next((k for k, f in enumerate(frames) if f.declared or names[k] == TANDEM), 0)
     for log, name, frame in zip(logs, names, frames, strict=True):
         what = ""
@@ -233,7 +255,9 @@ def _refuse_two(logs: Sequence[FlightLog]) -> None:
         elif frame.telemetered != frames[sure].telemetered:
             what = "hold rotor speeds in the one and outputs alone in the other"
         if what:
-            raise ConfigError(f"{logs[sure].path} and {log.path} {what}: diagnose them one by one, or give --vehicle")
+            raise ConfigError(
+                f"{logs[sure].path} and {log.path} {what}: diagnose them one by one, or give --vehicle"
+            )
 
 
 def _rpm(logs: Sequence[FlightLog], frame: Airframe) -> float | None:
@@ -253,7 +277,10 @@ def _voltages(logs: Sequence[FlightLog]) -> Array:
 
 
 def _answers(
-    logs: Sequence[FlightLog], frame: Airframe, parameters: Mapping[str, float], sizes: Mapping[str, Guess]
+    logs: Sequence[FlightLog],
+    frame: Airframe,
+    parameters: Mapping[str, float],
+    sizes: Mapping[str, Guess],
 ) -> Answers:
     voltage = _voltages(logs)
     return Answers(
@@ -344,24 +371,45 @@ def _facts(
     assumed = []
     for key, guess in sizes.items():
         if guess.assumed:
-            said_of = f"{guess.low:.3g} to {guess.high:.3g}, {guess.source}; {_OPTIONS[key]} gives it"
-            lost = f"; an arm's length{_unsure(frame)}; moments are left out" if key == "position_m" else ""
+            said_of = (
+                f"{guess.low:.3g} to {guess.high:.3g}, {guess.source}; {_OPTIONS[key]} gives it"
+            )
+            lost = (
+                f"; an arm's length{_unsure(frame)}; moments are left out"
+                if key == "position_m"
+                else ""
+            )
             assumed.append(Fact(key, guess.value, said_of + lost))
         elif key != "position_m" or frame.ordered:
-            known.append(Fact(key, guess.value, _OPTIONS[key] if guess.value != frame.arm_m else frame.source))
+            known.append(
+                Fact(
+                    key, guess.value, _OPTIONS[key] if guess.value != frame.arm_m else frame.source
+                )
+            )
         else:
-            assumed.append(Fact(key, frame.name, f"{frame.source}{_unsure(frame)}; moments are left out"))
+            assumed.append(
+                Fact(key, frame.name, f"{frame.source}{_unsure(frame)}; moments are left out")
+            )
     measured: dict[str, Any] = {"hover_thrust": vehicle.hover_thrust, "ct": vehicle.fans[0].ct}
     if vehicle.throttle is not None:
         del measured["ct"]
-        measured |= {key: getattr(vehicle.throttle, key) for key in ("max_thrust_n", "expo", "pwm_max_us", "voltage_v")}
+        measured |= {
+            key: getattr(vehicle.throttle, key)
+            for key in ("max_thrust_n", "expo", "pwm_max_us", "voltage_v")
+        }
     for key, value in measured.items():
         guessed = said[key].startswith((_GUESSED, USUAL_PULSES, COMMON_PROPELLERS))
         (assumed if guessed else known).append(Fact(key, value, said[key]))
     if vehicle.telemetered:
         known.append(Fact("hover_rpm", round(_hover_rpm(vehicle)), "by ct and the mass"))
     if vehicle.rangefinders:
-        known.append(Fact("rangefinder", [r.orientation for r in vehicle.rangefinders], "parameters and readings"))
+        known.append(
+            Fact(
+                "rangefinder",
+                [r.orientation for r in vehicle.rangefinders],
+                "parameters and readings",
+            )
+        )
     if not any(f.key == "position_m" for f in assumed):
         assumed.append(Fact("inertia_kgm2", list(vehicle.inertia_kgm2), said["inertia_kgm2"]))
     return known, assumed
@@ -373,5 +421,10 @@ def _unsure(frame: Airframe) -> str:
 
 def _hover_rpm(vehicle: Vehicle) -> float:
     """Mean rotor speed [rpm] that carries the vehicle: sum(ct) rho A Omega^2 R^2 = m g, A = pi R^2."""
-    per_speed2 = sum(fan.ct or 0.0 for fan in vehicle.fans) * RHO_SEA_LEVEL * math.pi * vehicle.rotor_radius_m**4
+    per_speed2 = (
+        sum(fan.ct or 0.0 for fan in vehicle.fans)
+        * RHO_SEA_LEVEL
+        * math.pi
+        * vehicle.rotor_radius_m**4
+    )
     return 60.0 / (2.0 * math.pi) * math.sqrt(vehicle.mass_kg * GRAVITY / per_speed2)

@@ -391,7 +391,9 @@ ULG_FIELDS = {
         *[("float", n) for n in ("x", "y", "z", "vx", "vy", "vz")],
         *[("bool", n) for n in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")],
     ),
-    "vehicle_status": tuple(("uint8_t", n) for n in ("arming_state", "nav_state", "system_type", "system_id")),
+    "vehicle_status": tuple(
+        ("uint8_t", n) for n in ("arming_state", "nav_state", "system_type", "system_id")
+    ),
     "vehicle_land_detected": (("bool", "landed"),),
     "battery_status": (("float", "voltage_v"), ("float", "current_a"), ("bool", "connected")),
     "vehicle_air_data": (("float", "baro_pressure_pa"),),
@@ -465,7 +467,9 @@ def _ulg_rows(flight: Flight) -> Iterator[Row]:
         yield t, "vehicle_air_data", (101_325.0 - 12.0 * height,)
 
 
-def _outputs_elsewhere(log: UlgLog, instance: int, others: dict[int, list[float]], full: float) -> UlgLog:
+def _outputs_elsewhere(
+    log: UlgLog, instance: int, others: dict[int, list[float]], full: float
+) -> UlgLog:
     """Motors in ``actuator_outputs:INSTANCE``, where 1 is ``full``; the other instances hold still values."""
     rows: list[Row] = []
     for t, name, values in log.rows:
@@ -552,13 +556,17 @@ GIMBAL = 154
 ADSB = 156
 
 
-def tlog_messages(flight: Flight | None = None, parameters: dict[str, float] | None = None) -> list[Sent]:
+def tlog_messages(
+    flight: Flight | None = None, parameters: dict[str, float] | None = None
+) -> list[Sent]:
     """What ArduCopter 4.5 sends a ground station of a quadcopter. No ESC is telemetered."""
     flight = flight or fly()
     values = QUAD_PARAMETERS if parameters is None else parameters
     sent: list[Sent] = []
     for number, (name, value) in enumerate(values.items()):
-        packed = mavlink.MAVLink_param_value_message(name.encode(), value, 9, len(QUAD_PARAMETERS), number)
+        packed = mavlink.MAVLink_param_value_message(
+            name.encode(), value, 9, len(QUAD_PARAMETERS), number
+        )
         sent.append((BOOT_S, 1, packed))
     for t, message in _tlog_rows(flight):
         sent.append((BOOT_S + t, 1, message))
@@ -645,7 +653,9 @@ def esc_batches(path: Path) -> None:
     for t in _times(10):
         speeds = [round(v) for v in flight.at(flight.rpm, t).tolist()]
         for index in (0, 4):
-            status = ESC_STATUS.unpacker.pack(1000 * stamp_ms(t), *speeds[:4], *[16.0] * 4, *[4.0] * 4, index)
+            status = ESC_STATUS.unpacker.pack(
+                1000 * stamp_ms(t), *speeds[:4], *[16.0] * 4, *[4.0] * 4, index
+            )
             sent.append((BOOT_S + t, 1, pack(291, status, 1, 1, 0)))
     write_sent(path, sent)
 
@@ -658,7 +668,9 @@ def watchdog_reset(path: Path) -> None:
         t = k / 25.0
         ms = 2000 + round(1000.0 * t)
         tumble = mavlink.MAVLink_attitude_message(ms, min(t, 2.0), 0.3, 0.0, 1.0, 0.0, 0.0)
-        falls = mavlink.MAVLink_highres_imu_message(1000 * ms, 0.1, 0.0, -0.5, 1.0, 0.0, 0.0, *[0] * 7, 63)
+        falls = mavlink.MAVLink_highres_imu_message(
+            1000 * ms, 0.1, 0.0, -0.5, 1.0, 0.0, 0.0, *[0] * 7, 63
+        )
         stopped = mavlink.MAVLink_servo_output_raw_message(1000 * ms, 0, *[1000] * 4, *[0] * 12)
         sent += [(end + 1.0 + t, 1, message) for message in (tumble, falls, stopped)]
         if k % 25 == 0:

@@ -63,7 +63,9 @@ class Answer:
             return self.text.splitlines()[-1] if self.text else f"exit code {self.code}"
         judged = self.content["duration_s"]
         found = ", ".join(self.names) or "nothing"
-        return f"{self.known.get('frame')} {self.known.get('rotors')}, {judged:.1f} s judged: {found}"
+        return (
+            f"{self.known.get('frame')} {self.known.get('rotors')}, {judged:.1f} s judged: {found}"
+        )
 
 
 def ask(log: Path) -> Answer:
@@ -79,7 +81,9 @@ def ask(log: Path) -> Answer:
         code=done.returncode,
         content=content,
         # Names of files are no answer.
-        text="\n".join(part.strip() for part in said).replace(str(log), "LOG").replace(log.name, "LOG"),
+        text="\n".join(part.strip() for part in said)
+        .replace(str(log), "LOG")
+        .replace(log.name, "LOG"),
         volts=volts,
         speed_m_s=speed,
     )
@@ -98,7 +102,9 @@ def readings(path: Path) -> tuple[tuple[float, float] | None, float]:
     except LogError:
         return None, 0.0
     volts = [log.battery.values[:, 0] for log in logs if log.battery is not None]
-    speeds = [np.linalg.norm(log.velocity.values, axis=1) for log in logs if log.velocity is not None]
+    speeds = [
+        np.linalg.norm(log.velocity.values, axis=1) for log in logs if log.velocity is not None
+    ]
     span = _span(speeds)
     return _span(volts), 0.0 if span is None else span[1]
 
@@ -178,9 +184,19 @@ def written_cases(folder: Path) -> list[tuple[str, Path, Expected]]:
 
 def main() -> int:
     """Ask of every case, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=DATA, metavar="DIR", help="folder of cases (default %(default)s)")
-    parser.add_argument("--only", default="", metavar="NAME", help="only cases with NAME in their name")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=DATA,
+        metavar="DIR",
+        help="folder of cases (default %(default)s)",
+    )
+    parser.add_argument(
+        "--only", default="", metavar="NAME", help="only cases with NAME in their name"
+    )
     add_option(parser)
     a = parser.parse_args()
     if not a.data.is_dir():
@@ -196,8 +212,13 @@ def main() -> int:
                 reasons = wrong(expected, answer)
                 right[kind].append(not reasons)
                 verdict = f"WRONG: {'; '.join(reasons)}" if reasons else "right"
-                print(f"{name}\n  expected  {expected.text}\n  result    {answer.line()}\n  {verdict}", flush=True)
-    figures = [counted(f"{kind} cases right", flags, least=1.0) for kind, flags in right.items() if flags]
+                print(
+                    f"{name}\n  expected  {expected.text}\n  result    {answer.line()}\n  {verdict}",
+                    flush=True,
+                )
+    figures = [
+        counted(f"{kind} cases right", flags, least=1.0) for kind, flags in right.items() if flags
+    ]
     for f in figures:
         print(f"{f['what']}: {f.get('detail', '')}")
     write_result(a, figures, seeds=f"{sum(map(len, right.values()))} logs", simulated=True)

@@ -106,7 +106,9 @@ def _vehicle(thrust: float) -> dict[str, Any]:
         right = round(ARM_M * float(np.sin(angle)), 4)
         spin = "cw" if k % 2 else "ccw"
         rotor = {"servo": k + 1, "spin": spin}
-        fans.append({"position_m": [forward, right, 0.0], "lip_radius_m": RADIUS_M, "rotors": [rotor]})
+        fans.append(
+            {"position_m": [forward, right, 0.0], "lip_radius_m": RADIUS_M, "rotors": [rotor]}
+        )
     full_n = thrust * FULL_RAD_S**2
     share = MASS_KG * GRAVITY / 6.0 / full_n
     return {

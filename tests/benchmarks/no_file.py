@@ -101,17 +101,30 @@ def ask(log: Path) -> Answer:
     """Diagnose one log with nothing but the log."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "answer.json"
-        command = [sys.executable, "-m", "replay", "diagnose", str(log.resolve()), "--json", str(out), "--quiet"]
+        command = [
+            sys.executable,
+            "-m",
+            "replay",
+            "diagnose",
+            str(log.resolve()),
+            "--json",
+            str(out),
+            "--quiet",
+        ]
         start = time.perf_counter()
         done = subprocess.run(command, capture_output=True, text=True, timeout=MOST_S, check=False)
         seconds = time.perf_counter() - start
         content = json.loads(out.read_text()) if out.exists() else {}
-    return Answer(log, done.returncode, seconds, content, done.stderr.strip() if done.returncode else "")
+    return Answer(
+        log, done.returncode, seconds, content, done.stderr.strip() if done.returncode else ""
+    )
 
 
 def main() -> int:
     """Ask of every log, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("logs", nargs="+", type=Path, metavar="LOG")
     parser.add_argument("--table", type=Path, metavar="TABLE", help="what is known of the logs")
     add_option(parser)
@@ -146,7 +159,9 @@ def main() -> int:
 
 def _beside(answer: Answer, truth: Truth) -> str:
     """The truth below an answer, and what of it is wrong."""
-    wrong = "" if answered_truly(answer, truth) else "  WRONG: answered, or refused for another reason"
+    wrong = (
+        "" if answered_truly(answer, truth) else "  WRONG: answered, or refused for another reason"
+    )
     if answer.code == 0 and not drafted_truly(answer, truth):
         wrong += f"  WRONG: drafted {answer.drafted()}"
     return f"    true: {truth.line()}{wrong}"

@@ -39,7 +39,9 @@ def all_rows(channel: ResidualChannel) -> np.ndarray:
     return np.arange(len(channel.rows))
 
 
-def test_products_are_the_same_in_whatever_order_they_are_asked_for(rng: np.random.Generator) -> None:
+def test_products_are_the_same_in_whatever_order_they_are_asked_for(
+    rng: np.random.Generator,
+) -> None:
     channel = made(rng, 3, 2)
     white = Whitened(channel, SPECTRUM)
     expected = plain(channel)
@@ -50,7 +52,9 @@ def test_products_are_the_same_in_whatever_order_they_are_asked_for(rng: np.rand
     assert (within[1, 2] == 0.0).all()
     some = np.array([0, 5, 2])
     others = np.array([1, -1, 4])
-    np.testing.assert_allclose(white.between(some, others)[:, [0, 2]], expected[np.ix_(some, [1, 4])])
+    np.testing.assert_allclose(
+        white.between(some, others)[:, [0, 2]], expected[np.ix_(some, [1, 4])]
+    )
     assert (white.between(some, others)[:, 1] == 0.0).all()
     np.testing.assert_allclose(white.between(all_rows(channel), all_rows(channel)), expected)
 

@@ -14,7 +14,9 @@ RIGHT = Answer(
     content={
         "duration_s": 20.0,
         "effects": [{"name": "rotor_drag"}],
-        "vehicle": {"known": [{"key": "frame", "value": "quad-x"}, {"key": "rotors", "value": [1, 2, 3, 4]}]},
+        "vehicle": {
+            "known": [{"key": "frame", "value": "quad-x"}, {"key": "rotors", "value": [1, 2, 3, 4]}]
+        },
     },
     text="all is well",
     volts=(15.6, 16.4),
@@ -75,7 +77,9 @@ def test_every_given_case_has_an_expectation(shared_data):
 
 
 def test_without_its_folder_the_command_says_so_and_goes_on(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["field_cases.py", "--data", str(tmp_path / "none"), "--only", "no such case"])
+    monkeypatch.setattr(
+        "sys.argv", ["field_cases.py", "--data", str(tmp_path / "none"), "--only", "no such case"]
+    )
     assert field_cases.main() == 0
     assert "only the written ones" in capsys.readouterr().out
 

@@ -38,7 +38,9 @@ def quiet() -> Record:
 def added(record: Record, name: str, shape: tuple[float, ...], *coefficients: float) -> Record:
     """The record with an effect's wrench in its residual; coefficients that are not given are 0."""
     x = np.nan_to_num(get(name).regressors(record.context, shape))
-    return replace(record, residual=record.residual + x[..., : len(coefficients)] @ np.array(coefficients))
+    return replace(
+        record, residual=record.residual + x[..., : len(coefficients)] @ np.array(coefficients)
+    )
 
 
 def in_wind(record: Record, north_m_s: float, east_m_s: float, drag: float) -> Record:
@@ -79,15 +81,21 @@ def test_a_wind_is_the_speed_of_the_air_whatever_the_vehicles_drag(brisk: Diagno
 def test_the_model_keeps_the_force_that_was_found(brisk: Diagnosis) -> None:
     (wind,) = brisk.found
     assert wind.parameters["north"] == pytest.approx(0.25 * 3.0, rel=0.2)
-    assert wind.numbers["north"] == pytest.approx(wind.parameters["north"] / wind.parameters["own_motion"], rel=0.1)
+    assert wind.numbers["north"] == pytest.approx(
+        wind.parameters["north"] / wind.parameters["own_motion"], rel=0.1
+    )
 
 
 def test_there_is_one_wind_in_an_answer(brisk: Diagnosis) -> None:
     assert not [note for note in brisk.notes if "m/s" in note]
-    assert re.search(r"[Ww]ind of (2\.[89]|3|3\.[0-4]) m/s from the south", page(brisk, brisk.vehicle))
+    assert re.search(
+        r"[Ww]ind of (2\.[89]|3|3\.[0-4]) m/s from the south", page(brisk, brisk.vehicle)
+    )
 
 
-def test_a_wind_whose_drag_the_flight_does_not_show_has_a_wide_interval_and_says_why(quiet: Record) -> None:
+def test_a_wind_whose_drag_the_flight_does_not_show_has_a_wide_interval_and_says_why(
+    quiet: Record,
+) -> None:
     still = with_velocity(quiet, 0.0)
     answer = conclude([in_wind(still, 3.0, 0.0, 0.3)], effects=some("wind"))
     low, high = parameters(answer, "wind")["north"]["ci95"]
@@ -104,10 +112,19 @@ def test_a_wind_in_the_lift_is_said_as_a_product_and_in_no_speed(quiet: Record) 
 
 
 def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record) -> None:
-    drag = AdoptedEffect("rotor_drag", {"drag": 0.25, "turning": 0.0, "sinking": 0.0, "above_radii": 0.0})
+    drag = AdoptedEffect(
+        "rotor_drag", {"drag": 0.25, "turning": 0.0, "sinking": 0.0, "above_radii": 0.0}
+    )
     model = empty_model(quiet.context.vehicle).with_effects((drag,))
     context = replace(quiet.context, model=model)
-    force = {"north": 0.75, "east": 0.0, "own_motion": 0.0, "turning": 0.0, "sinking": 0.0, "above_radii": 0.0}
+    force = {
+        "north": 0.75,
+        "east": 0.0,
+        "own_motion": 0.0,
+        "turning": 0.0,
+        "sinking": 0.0,
+        "above_radii": 0.0,
+    }
     assert get("wind").said(context, force)["north"] == pytest.approx(3.0)
 
 
@@ -119,7 +136,11 @@ def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record
     ],
 )
 def test_a_load_is_said_by_its_mass_and_its_length(
-    quiet: Record, name: str, shape: tuple[float, ...], sizes: tuple[float, ...], said: dict[str, float]
+    quiet: Record,
+    name: str,
+    shape: tuple[float, ...],
+    sizes: tuple[float, ...],
+    said: dict[str, float],
 ) -> None:
     effect = get(name)
     numbers = effect.said(quiet.context, effect.parameters(sizes, shape))
@@ -160,7 +181,9 @@ def test_a_known_mass_gives_newtons(quiet: Record) -> None:
 def test_no_interval_has_zero_width(quiet: Record) -> None:
     state = quiet.context.state
     volts = np.linspace(16.0, 14.0, len(quiet.time_s))
-    drained = replace(quiet.context, state=replace(state, battery_voltage_v=volts), only_answers=False)
+    drained = replace(
+        quiet.context, state=replace(state, battery_voltage_v=volts), only_answers=False
+    )
     record = replace(quiet, context=drained)
     lively = added(record, "battery_sag", (16.0,), 2.0)
     lively = added(lively, "fan_imbalance", (1.0,), -0.15)
@@ -178,9 +201,15 @@ def test_no_interval_has_zero_width(quiet: Record) -> None:
 @pytest.mark.slow
 def test_a_dead_time_that_was_refined_in_one_row_has_the_width_of_its_grid(quiet: Record) -> None:
     rng = np.random.default_rng(7)
-    more = 1.0 + 0.05 * np.repeat(rng.standard_normal(len(quiet.time_s) // 8 + 1), 8)[: len(quiet.time_s), None]
+    more = (
+        1.0
+        + 0.05
+        * np.repeat(rng.standard_normal(len(quiet.time_s) // 8 + 1), 8)[: len(quiet.time_s), None]
+    )
     state = quiet.context.state
-    changed = replace(state, rpm=state.rpm * np.sqrt(more), specific_force=state.specific_force * more)
+    changed = replace(
+        state, rpm=state.rpm * np.sqrt(more), specific_force=state.specific_force * more
+    )
     context = replace(quiet.context, state=changed, only_answers=False)
     late = added(replace(quiet, context=context), "motor_lag", (0.06, 0.04), 1.0)
     answer = conclude([late], effects=some("motor_lag"))
@@ -193,13 +222,21 @@ def test_what_is_not_determined_has_no_value_but_its_interval() -> None:
     unknown = IntervalEstimate("scale", 0.26, (-0.19, 0.72), "1", determined=False)
     assert unknown.as_json() == {"value": None, "ci95": (-0.19, 0.72), "unit": "1"}
     assert estimate_text(unknown) == "scale not determined [-0.19, 0.72]"
-    assert estimate_text(IntervalEstimate("from_s", 102.84, (102.5, 103.2), "s")) == "from_s = 102.8 [102.5, 103.2] s"
+    assert (
+        estimate_text(IntervalEstimate("from_s", 102.84, (102.5, 103.2), "s"))
+        == "from_s = 102.8 [102.5, 103.2] s"
+    )
     assert estimate_text(IntervalEstimate("fan", 3.0, None, "1")) == "fan = 3"
     assert IntervalEstimate("fan", 3.0, None, "1").as_json() == {"value": 3.0, "unit": "1"}
 
 
 def test_small_numbers_have_digits_and_nothing_is_minus_zero() -> None:
-    assert [size_text(v) for v in (0.0000231, 0.0, 1.3194, 123.4)] == ["0.0000231", "0", "1.32", "123"]
+    assert [size_text(v) for v in (0.0000231, 0.0, 1.3194, 123.4)] == [
+        "0.0000231",
+        "0",
+        "1.32",
+        "123",
+    ]
     assert explains_text(-0.002) == "explains less than 1 %"
     assert explains_text(0.124) == "explains 12%"
 
@@ -208,25 +245,39 @@ def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
     """Sets of effects with their probabilities; the first is the best."""
     fits = {}
     for chance, names in sets:
-        terms = tuple(SimpleNamespace(name=name, effect=get(name), key=(name, None, None)) for name in names)
-        fit = SimpleNamespace(terms=terms, score=math.log(chance), key=frozenset(t.key for t in terms))
+        terms = tuple(
+            SimpleNamespace(name=name, effect=get(name), key=(name, None, None)) for name in names
+        )
+        fit = SimpleNamespace(
+            terms=terms, score=math.log(chance), key=frozenset(t.key for t in terms)
+        )
         fits[fit.key] = fit
     return Walked(None, fits, next(iter(fits.values())))
 
 
 def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() -> None:
-    walked = weighed((0.6, ("wind",)), (0.25, ("imu_bias", "rotor_drag")), (0.14, ("payload",)), (0.01, ("contact",)))
+    walked = weighed(
+        (0.6, ("wind",)),
+        (0.25, ("imu_bias", "rotor_drag")),
+        (0.14, ("payload",)),
+        (0.01, ("contact",)),
+    )
     members = class_of(walked, get("wind"), ("imu_bias", "rotor_drag", "payload", "contact"))
     # Drag is a part of wind: it takes no share of what pushes. What is told from it is left out.
     assert members == (("wind", 0.6), ("imu_bias", 0.25), ("payload", 0.14))
 
 
 def test_what_is_told_from_all_others_is_no_class() -> None:
-    assert class_of(weighed((0.98, ("wind",)), (0.02, ("imu_bias",))), get("wind"), ("imu_bias",)) == ()
+    assert (
+        class_of(weighed((0.98, ("wind",)), (0.02, ("imu_bias",))), get("wind"), ("imu_bias",))
+        == ()
+    )
 
 
 def test_at_most_three_members_are_shown_and_the_effect_is_one() -> None:
-    walked = weighed((0.1, ("wind",)), (0.3, ("imu_bias",)), (0.3, ("payload",)), (0.3, ("contact",)))
+    walked = weighed(
+        (0.1, ("wind",)), (0.3, ("imu_bias",)), (0.3, ("payload",)), (0.3, ("contact",))
+    )
     members = class_of(walked, get("wind"), ("imu_bias", "payload", "contact"))
     assert len(members) == 3
     assert "wind" in dict(members)
@@ -265,14 +316,18 @@ def fit_of(quiet: Record, *pushes: np.ndarray) -> FlightFit:
     return FlightFit(quiet, 0, quiet.residual, effects, still, still)
 
 
-def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_the_other(quiet: Record) -> None:
+def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_the_other(
+    quiet: Record,
+) -> None:
     wave = np.sin(np.arange(len(quiet.time_s)))
     fit = fit_of(quiet, 3.0 * wave, -2.7 * wave)
     keys = list(fit.effects)
     assert all(fit.gain(key, [0]) > 0.0 for key in keys)
     assert fit.energy(fit.after, [0]) > fit.energy(fit.before, [0])
     (mended,), without = results._by_axis([fit], keys)
-    assert mended.energy(mended.after, [0]) <= mended.energy(mended.before, [0]) * (1.0 + results.WORSE_SHARE)
+    assert mended.energy(mended.after, [0]) <= mended.energy(mended.before, [0]) * (
+        1.0 + results.WORSE_SHARE
+    )
     assert without
 
 
@@ -299,15 +354,26 @@ def test_drag_that_was_found_in_still_air_is_kept_whole() -> None:
     assert of_one_wind(10.0, 0.1) == pytest.approx(0.5, abs=0.001)
 
 
-def test_what_is_the_vehicles_of_a_wind_stays_as_drag_and_flies_the_same_force(quiet: Record) -> None:
+def test_what_is_the_vehicles_of_a_wind_stays_as_drag_and_flies_the_same_force(
+    quiet: Record,
+) -> None:
     context = quiet.context
-    found = {"north": 0.7, "east": 0.2, "own_motion": 0.4, "turning": 0.3, "sinking": 0.1, "above_radii": 0.5}
+    found = {
+        "north": 0.7,
+        "east": 0.2,
+        "own_motion": 0.4,
+        "turning": 0.3,
+        "sinking": 0.1,
+        "above_radii": 0.5,
+    }
     wind = AdoptedEffect("wind", found, ("My",))
     (kept,) = amended(None, context.vehicle, [wind]).effects
     assert kept.name == "rotor_drag"
     assert kept.without == ("My",)
     calm = found | {"north": 0.0, "east": 0.0}
-    assert get("rotor_drag").wrench(context, kept.parameters) == pytest.approx(get("wind").wrench(context, calm))
+    assert get("rotor_drag").wrench(context, kept.parameters) == pytest.approx(
+        get("wind").wrench(context, calm)
+    )
 
 
 def test_every_quantity_stands_for_a_parameter_and_is_finite(quiet: Record) -> None:
@@ -323,4 +389,6 @@ def test_every_quantity_stands_for_a_parameter_and_is_finite(quiet: Record) -> N
 
 
 def _with_quantities() -> list[Effect]:
-    return [e for e in some("wind", "payload", "slung_load", "vertical_inflow") if e.shown.quantities]
+    return [
+        e for e in some("wind", "payload", "slung_load", "vertical_inflow") if e.shown.quantities
+    ]

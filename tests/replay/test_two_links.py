@@ -25,7 +25,9 @@ def sent_again(raw: bytes, sequence: int, *, signed: bool = False, v1: bool = Fa
     link = mavlink.MAVLink(None)
     (message,) = link.parse_buffer(bytearray(raw)) or []
     key = b"k" * 32 if signed else None
-    return frame(message, message.get_srcSystem(), message.get_srcComponent(), sequence % 256, key=key, v1=v1)
+    return frame(
+        message, message.get_srcSystem(), message.get_srcComponent(), sequence % 256, key=key, v1=v1
+    )
 
 
 def read(path: Path, messages: Messages) -> FlightLog:
@@ -55,13 +57,20 @@ def alone(tmp_path_factory) -> FlightLog:
 
 @pytest.mark.parametrize("delay_us", [0, 300, 40_000, 300_000, 2_500_000])
 def test_a_second_link_with_another_delay(delay_us, alone, tmp_path):
-    assert_same(read(tmp_path, [*FLIGHT, *[(arrival + delay_us, raw) for arrival, raw in FLIGHT]]), alone)
+    assert_same(
+        read(tmp_path, [*FLIGHT, *[(arrival + delay_us, raw) for arrival, raw in FLIGHT]]), alone
+    )
 
 
-@pytest.mark.parametrize("options", [{}, {"signed": True}, {"v1": True}], ids=["sequence", "signed", "MAVLink 1"])
+@pytest.mark.parametrize(
+    "options", [{}, {"signed": True}, {"v1": True}], ids=["sequence", "signed", "MAVLink 1"]
+)
 def test_a_second_link_with_another_sequence_signature_or_version(options, alone, tmp_path):
     messages = [m for m in FLIGHT if cut(m[1], 0).id < 256] if options.get("v1") else FLIGHT
-    second = [(arrival + 5_000, sent_again(raw, 3 * k, **options)) for k, (arrival, raw) in enumerate(messages)]
+    second = [
+        (arrival + 5_000, sent_again(raw, 3 * k, **options))
+        for k, (arrival, raw) in enumerate(messages)
+    ]
     log = read(tmp_path, [*messages, *second])
     if messages is FLIGHT:
         assert_same(log, alone)
@@ -72,7 +81,11 @@ def test_links_that_lose_messages_complete_each_other(alone, tmp_path):
     """Each loses a third, with a delay that changes."""
     rng = random.Random(1)
     first = [m for m in FLIGHT if rng.random() < 0.7]
-    second = [(arrival + rng.randrange(20_000, 200_000), raw) for arrival, raw in FLIGHT if rng.random() < 0.7]
+    second = [
+        (arrival + rng.randrange(20_000, 200_000), raw)
+        for arrival, raw in FLIGHT
+        if rng.random() < 0.7
+    ]
     log = read(tmp_path, [*first, *second])
     assert 0.85 * 1500 < len(log.attitude) < 0.95 * 1500
     assert len(log.escs[1].rpm) == len(np.unique(log.escs[1].rpm.t_s)) < 0.95 * 750
@@ -81,7 +94,9 @@ def test_links_that_lose_messages_complete_each_other(alone, tmp_path):
 
 def test_a_second_link_for_a_part_of_the_flight(alone, tmp_path):
     part = [
-        (arrival + 7_000, raw) for arrival, raw in FLIGHT if EPOCH_US + 10_000_000 < arrival < EPOCH_US + 12_000_000
+        (arrival + 7_000, raw)
+        for arrival, raw in FLIGHT
+        if EPOCH_US + 10_000_000 < arrival < EPOCH_US + 12_000_000
     ]
     assert_same(read(tmp_path, [*FLIGHT, *part]), alone)
 

@@ -147,7 +147,9 @@ DOWN = (0.5**0.5, 0.0, -(0.5**0.5), 0.0)
 NONE = (0.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("quaternions", [[DOWN], [DOWN, NONE], [NONE, DOWN], [(float("nan"),) * 4, DOWN, NONE]])
+@pytest.mark.parametrize(
+    "quaternions", [[DOWN], [DOWN, NONE], [NONE, DOWN], [(float("nan"),) * 4, DOWN, NONE]]
+)
 def test_a_sensor_with_a_quaternion_looks_where_it_says(quaternions, tmp_path):
     beam = read(tmp_path, with_sensor(quaternions)).beam("down")
     assert beam is not None

@@ -63,7 +63,9 @@ def test_why_an_effect_is_not_named_is_said(walked: Walked) -> None:
     }  # fmt: skip
 
 
-def test_a_search_that_would_take_too_long_stops_with_the_best_and_says_what_it_left_out(monkeypatch) -> None:
+def test_a_search_that_would_take_too_long_stops_with_the_best_and_says_what_it_left_out(
+    monkeypatch,
+) -> None:
     whole = walk([biased()], some(*EFFECTS))
     assert whole.left_out == ()
     monkeypatch.setattr(walk_module, "MOST_WORK", 0.5 * whole.evidence.work)
@@ -87,4 +89,6 @@ def test_longer_flights_may_take_longer_in_proportion() -> None:
     many = [record] * (1 + int(LONG_S / record.seconds))
     short = walk_module.allowed([record])
     assert short == MOST_WORK
-    assert walk_module.allowed(many) == pytest.approx(MOST_WORK * len(many) * record.seconds / LONG_S)
+    assert walk_module.allowed(many) == pytest.approx(
+        MOST_WORK * len(many) * record.seconds / LONG_S
+    )

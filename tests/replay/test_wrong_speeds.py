@@ -51,7 +51,9 @@ def said(record: Record) -> str:
 
 
 @pytest.mark.parametrize("factor", [7.0, 10.0])
-def test_speeds_that_no_battery_turns_are_a_fault_by_name(flown: Motion, vehicle: Vehicle, factor: float) -> None:
+def test_speeds_that_no_battery_turns_are_a_fault_by_name(
+    flown: Motion, vehicle: Vehicle, factor: float
+) -> None:
     record = build_record(flight(flown, vehicle, factor), vehicle, None)
     assert f"{factor:.2g} of what" in said(record)
     assert "pole count (SERVO_BLH_POLES, MOT_POLE_COUNT) or unit" in said(record)
@@ -90,7 +92,14 @@ def test_one_esc_alone_keeps_its_own_message(flown: Motion, vehicle: Vehicle) ->
 
 @pytest.mark.parametrize(
     ("volts", "rpm"),
-    [(3.7, 17_000.0), (7.4, 9_500.0), (16.0, 11_000.0), (22.8, 3_500.0), (24.0, 12_000.0), (52.0, 1_000.0)],
+    [
+        (3.7, 17_000.0),
+        (7.4, 9_500.0),
+        (16.0, 11_000.0),
+        (22.8, 3_500.0),
+        (24.0, 12_000.0),
+        (52.0, 1_000.0),
+    ],
 )
 def test_speeds_of_real_multirotors_may_be(volts: float, rpm: float) -> None:
     """Crazyflie, Mini, racing quadrotors of 4 and 6 cells, Inspire, an agricultural octocopter."""
@@ -122,8 +131,12 @@ def shifted(log: FlightLog, order: dict[int, int]) -> FlightLog:
     return replace(log, escs={n: log.escs[old] for n, old in order.items()})
 
 
-@pytest.mark.parametrize("order", [{1: 4, 2: 1, 3: 2, 4: 3}, {1: 2, 2: 3, 3: 4, 4: 1}, {1: 1, 2: 3, 3: 2, 4: 4}])
-def test_speeds_at_the_numbers_of_other_motors(flown: Motion, vehicle: Vehicle, order: dict[int, int]) -> None:
+@pytest.mark.parametrize(
+    "order", [{1: 4, 2: 1, 3: 2, 4: 3}, {1: 2, 2: 3, 3: 4, 4: 1}, {1: 1, 2: 3, 3: 2, 4: 4}]
+)
+def test_speeds_at_the_numbers_of_other_motors(
+    flown: Motion, vehicle: Vehicle, order: dict[int, int]
+) -> None:
     record = build_record(shifted(flight(flown, vehicle), order), vehicle, None)
     assert "speeds stand at the numbers of other motors" in said(record)
     assert f"ESC 2 output {order[2]}" in said(record)
@@ -140,7 +153,9 @@ def test_escs_that_are_numbered_by_motor_are_right(flown: Motion, vehicle: Vehic
     for motor, output in wired.items():
         values[:, output - 1] = log.servo.values[:, motor - 1]
     parameters = {f"SERVO{output}_FUNCTION": 32.0 + motor for motor, output in wired.items()}
-    moved = chosen(replace(log, servo_ports={0: Series(log.servo.t_s, values)}, parameters=parameters))
+    moved = chosen(
+        replace(log, servo_ports={0: Series(log.servo.t_s, values)}, parameters=parameters)
+    )
     assert "numbers of other motors" not in said(build_record(moved, vehicle, None))
 
 

@@ -153,7 +153,9 @@ def _flight(source: Mapping[str, Any], flight: Mapping[str, Any]) -> Flight:
     verdicts = frozenset(flight.get("verdicts", VERDICTS))
     if not verdicts <= VERDICTS:
         raise ValueError(f"{where}: verdicts {sorted(verdicts - VERDICTS)}")
-    made = {k: joined(k) for k in ("unknown", "never")} | {k: ranges(k) for k in ("limits", "sizes")}
+    made = {k: joined(k) for k in ("unknown", "never")} | {
+        k: ranges(k) for k in ("limits", "sizes")
+    }
     made |= {
         "may": joined("may") - joined("never"),
         "must": must,
