@@ -6,4 +6,6 @@ It is pure: the live loop (``companion.flight``) and a replay (``replay.rerun``)
 
 import logging
 
-logging.getLogger(__name__).addHandler(logging.NullHandler())  # a program that imports this decides what is shown
+logging.getLogger(__name__).addHandler(
+    logging.NullHandler()
+)  # a program that imports this decides what is shown

@@ -22,4 +22,6 @@ def read_adapt(text: str) -> Adapt:
     try:
         return Adapt(text)
     except ValueError:
-        raise ArgumentTypeError(f"invalid choice: '{text}' (choose from {', '.join(m.value for m in Adapt)})") from None
+        raise ArgumentTypeError(
+            f"invalid choice: '{text}' (choose from {', '.join(m.value for m in Adapt)})"
+        ) from None

@@ -23,7 +23,14 @@ from companion.control.lateness import LATE_FADE_S
 from companion.control.state import PipelineState
 from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.dialect import ID_OF
-from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
+from companion.mavlink.firmware import (
+    Stack,
+    ThrustMeaning,
+    mode_name,
+    needed_parameters,
+    stack_of,
+    thrust_meaning,
+)
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
@@ -52,7 +59,10 @@ _REACH_M = (1.0, 0.5)
 """A rangefinder must reach this far, and begin this near: the air of ground and wall is felt in between."""
 _ALIKE = (0.6, 1.6)
 """Speed of a rotor over the median of all: beyond, a pole count or an ESC number is wrong."""
-_POSES = {ID_OF[name]: name for name in ("ODOMETRY", "VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE")}
+_POSES = {
+    ID_OF[name]: name
+    for name in ("ODOMETRY", "VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE")
+}
 """Poses that a camera sends to the estimator, or that PX4 sends back: never flown by (docs/autopilots.md)."""
 _CLIMB_M_S = 0.3
 """Faster than this vertically, it does not hover."""
@@ -68,7 +78,8 @@ class Verdict(Enum):
     FAIL = "fail"
 
 
-_WARN, _FAIL = Verdict.WARN, Verdict.FAIL
+_WARN = Verdict.WARN
+_FAIL = Verdict.FAIL
 
 
 @dataclass(frozen=True)
@@ -136,7 +147,9 @@ class Listener:
         self.samples[type(sample)].append(sample)
         self.state, decision = step(self.state, sample, self.config)
         if decision is not None and decision.disturbance is not None and self.hovering:
-            self.lift.append(decision.disturbance.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY))
+            self.lift.append(
+                decision.disturbance.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY)
+            )
 
     @property
     def flying(self) -> bool:
@@ -193,7 +206,10 @@ def as_json(found: list[Item]) -> dict[str, Any]:
 
 def as_text(found: list[Item]) -> str:
     """A table for a person."""
-    lines = [f"{i.verdict.value:5} {i.name:18} {i.text}" + (f"\n{'':25}-> {i.do}" if i.do else "") for i in found]
+    lines = [
+        f"{i.verdict.value:5} {i.name:18} {i.text}" + (f"\n{'':25}-> {i.do}" if i.do else "")
+        for i in found
+    ]
     fails = sum(i.verdict is Verdict.FAIL for i in found)
     lines.append("may fly" if not fails else f"do not fly: {fails} of {len(found)} items fail")
     return "\n".join(lines)
@@ -212,20 +228,33 @@ def _judged(name: str, text: str, *faults: Fault) -> Item:
 
 
 def _vehicle_file(setup: CheckSetup) -> Iterator[Item]:
-    vehicle, odd = setup.config.vehicle, warnings(setup.config.vehicle)
+    vehicle = setup.config.vehicle
+    odd = warnings(setup.config.vehicle)
     for text in odd or [f"{vehicle.name}, {vehicle.mass_kg:g} kg"]:
         yield Item("vehicle file", _WARN if odd else Verdict.PASS, f"{setup.vehicle_file}: {text}")
     if setup.model_note is not None:
-        yield Item("model", _WARN, setup.model_note, "train or identify one of this vehicle, and give it with --model")
+        yield Item(
+            "model",
+            _WARN,
+            setup.model_note,
+            "train or identify one of this vehicle, and give it with --model",
+        )
 
 
 def _autopilot(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     beat = heard.state.heartbeat
     if beat is None:
-        what = f"{heard.frames} messages but no HEARTBEAT of an autopilot" if heard.frames else "nothing was heard"
-        yield Item("autopilot", _FAIL, what, "check endpoint, baud rate, routing and --target-system")
+        what = (
+            f"{heard.frames} messages but no HEARTBEAT of an autopilot"
+            if heard.frames
+            else "nothing was heard"
+        )
+        yield Item(
+            "autopilot", _FAIL, what, "check endpoint, baud rate, routing and --target-system"
+        )
         return
-    stack, armed = stack_of(beat), "armed" if beat.armed else "disarmed"
+    stack = stack_of(beat)
+    armed = "armed" if beat.armed else "disarmed"
     yield _judged(
         "autopilot", f"{stack.name.lower()}, system {heard.intake.system}, {mode_name(beat)}, {armed}",
         (stack is Stack.OTHER, _FAIL, f": MAV_AUTOPILOT {beat.autopilot} is neither ArduPilot nor PX4", None),
@@ -240,22 +269,38 @@ def _autopilot(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 
 
 def _parameters(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
-    beat, known = heard.state.heartbeat, heard.state.parameters
+    beat = heard.state.heartbeat
+    known = heard.state.parameters
     assert beat is not None
     stack = stack_of(beat)
     if stack is Stack.ARDUPILOT and setup.config.carrier is Carrier.ATTITUDE:
-        options, timeout = known.get("GUID_OPTIONS"), known.get("GUID_TIMEOUT")
+        options = known.get("GUID_OPTIONS")
+        timeout = known.get("GUID_TIMEOUT")
         if options is None:
-            where = "the autopilot answers no PARAM_REQUEST_READ" if setup.live else "the log does not hold it"
+            where = (
+                "the autopilot answers no PARAM_REQUEST_READ"
+                if setup.live
+                else "the log does not hold it"
+            )
             verdict = _FAIL if setup.live else _WARN
-            yield Item("GUID_OPTIONS", verdict, f"not known: {where}", "look at routing; 8 must be in GUID_OPTIONS")
+            yield Item(
+                "GUID_OPTIONS",
+                verdict,
+                f"not known: {where}",
+                "look at routing; 8 must be in GUID_OPTIONS",
+            )
         else:
             bits = int(options)
             do = f"set GUID_OPTIONS to {bits | 8}"
             fault = (not bits & 8, _FAIL, ": thrust would be read as a climb rate", do)
             yield _judged("GUID_OPTIONS", f"is {bits}", fault)
         if timeout is not None:
-            fault = (timeout > 1.0, _WARN, ": a last attitude would be held that long", "set GUID_TIMEOUT to 0.5")
+            fault = (
+                timeout > 1.0,
+                _WARN,
+                ": a last attitude would be held that long",
+                "set GUID_TIMEOUT to 0.5",
+            )
             yield _judged("GUID_TIMEOUT", f"is {timeout:g} s", fault)
     missing = [n for n in needed_parameters(stack) if n not in known and not n.startswith("GUID_")]
     if missing and setup.live:
@@ -275,9 +320,17 @@ def _rates(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     hz = _hz(a for a in heard.samples[samples.Attitude] if a.source == attitudes[0][0])
     yield _rate("attitude rate", "ATTITUDE_QUATERNION", hz, 10.0, 25.0)
     if setup.config.base is Base.HOLD:
-        yield _rate("position rate", "LOCAL_POSITION_NED", _hz(heard.samples[samples.LocalPosition]), 4.5, 20.0)
+        yield _rate(
+            "position rate",
+            "LOCAL_POSITION_NED",
+            _hz(heard.samples[samples.LocalPosition]),
+            4.5,
+            20.0,
+        )
     if not setup.config.vehicle.telemetered:
-        yield _rate("output rate", "SERVO_OUTPUT_RAW", _hz(heard.samples[samples.ServoOutput]), 5.0, 20.0)
+        yield _rate(
+            "output rate", "SERVO_OUTPUT_RAW", _hz(heard.samples[samples.ServoOutput]), 5.0, 20.0
+        )
 
 
 def _rate(name: str, message: str, hz: float, least: float, good: float, text: str = "") -> Item:
@@ -292,14 +345,17 @@ def _rate(name: str, message: str, hz: float, least: float, good: float, text: s
 
 
 def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
-    declared, rings = setup.config.vehicle.rangefinders, heard.samples[samples.Ring]
+    declared = setup.config.vehicle.rangefinders
+    rings = heard.samples[samples.Ring]
     for sensor in declared:
         if sensor.target != "none" and not sensor.ring:
             yield _range(sensor, heard)
     if any(sensor.ring for sensor in declared):
         known = [d for ring in rings for d in ring.distances_m if d == d]
         text = f"nearest return {min(known, default=math.nan):.2f} m, "
-        yield _rate("ring", "OBSTACLE_DISTANCE", _hz(rings) if known else 0.0, _LEAST_HZ, _LEAST_HZ, text)
+        yield _rate(
+            "ring", "OBSTACLE_DISTANCE", _hz(rings) if known else 0.0, _LEAST_HZ, _LEAST_HZ, text
+        )
     elif rings:
         count = len(rings[-1].distances_m)
         yield Item(
@@ -309,21 +365,28 @@ def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 
 
 def _same_way(a: int, b: int) -> bool:
-    one, other = orientation_direction(a), orientation_direction(b)
+    one = orientation_direction(a)
+    other = orientation_direction(b)
     return a == b or (one is not None and other is not None and math.dist(one, other) < 0.2)
 
 
 def _range(sensor: Rangefinder, heard: Listener) -> Item:
     """One declared rangefinder."""
     name = f"range {sensor.orientation}"
-    readings = [r for r in heard.samples[samples.Range] if _same_way(r.orientation, sensor.orientation)]
+    readings = [
+        r for r in heard.samples[samples.Range] if _same_way(r.orientation, sensor.orientation)
+    ]
     if not readings:
-        others = ", ".join(map(str, sorted({r.orientation for r in heard.samples[samples.Range]}))) or "none"
+        others = (
+            ", ".join(map(str, sorted({r.orientation for r in heard.samples[samples.Range]})))
+            or "none"
+        )
         return Item(
             name, _FAIL, f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
             f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
         )  # fmt: skip
-    low, high = readings[-1].min_m, readings[-1].max_m
+    low = readings[-1].min_m
+    high = readings[-1].max_m
     values = [r.distance_m for r in readings if r.verdict is RangeVerdict.OK]
     shown = f"{median(values):.2f} m" if values else "nothing in reach"
     text = f"to the {sensor.target}: {shown}, limits {low:g} to {high:g} m, "
@@ -334,7 +397,8 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
     usable = (verdicts[RangeVerdict.OK] + verdicts[RangeVerdict.ABOVE_MAX]) / len(readings)
     worst = verdicts.most_common(1)[0][0]
     standing = worst is RangeVerdict.BELOW_MIN and not heard.flying
-    limits, useless = "RNGFNDn_MIN and RNGFNDn_MAX", usable < _USABLE
+    limits = "RNGFNDn_MIN and RNGFNDn_MAX"
+    useless = usable < _USABLE
     narrow = high < _REACH_M[0] or low > _REACH_M[1]
     found = _judged(
         name, text + f"{100.0 * usable:.0f} % usable",
@@ -360,7 +424,11 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     zero = [str(esc) for esc in escs if speeds[esc] < 1.0]
     usual, (low, high) = max(median(speeds.values()), 1.0), _ALIKE
     far = [f"{esc}: {rpm:.0f}" for esc, rpm in speeds.items() if not low < rpm / usual < high]
-    hz = _hz(s for s in heard.samples[samples.RotorSpeeds] if s.first_esc <= escs[0] < s.first_esc + len(s.rpm))
+    hz = _hz(
+        s
+        for s in heard.samples[samples.RotorSpeeds]
+        if s.first_esc <= escs[0] < s.first_esc + len(s.rpm)
+    )
     telemetry = "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the numbers in the vehicle file"
     yield _judged(
         "rotor speeds", f"{len(escs)} ESCs at {hz:.1f} Hz",
@@ -380,7 +448,8 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 
 
 def _hover(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
-    hover, declared = heard.state.hover, setup.config.vehicle.hover_thrust
+    hover = heard.state.hover
+    declared = setup.config.vehicle.hover_thrust
     flown = hover.seconds >= LEARNED_S
     theirs = hover.learned if flown else hover_parameter(heard.state.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
@@ -399,13 +468,17 @@ def _position(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         yield Item("position" if "POSITION" in name else "attitude", _WARN, text)
     if heard.poses and not heard.samples[samples.LocalPosition]:
         names = " and ".join(sorted(heard.poses))
-        text = f"{names} but no LOCAL_POSITION_NED: the autopilot's estimator does not take that pose"
+        text = (
+            f"{names} but no LOCAL_POSITION_NED: the autopilot's estimator does not take that pose"
+        )
         do = "ArduPilot: VISO_TYPE 1, EK3_SRC1_POSXY 6 and an origin; PX4: EKF2_EV_CTRL 15"
         yield Item("position", _FAIL, text, do)
     else:
         trusted = heard.state.estimates.trust.trusted
         text = f"{'trusted' if trusted else 'not trusted'} by the autopilot"
-        yield _judged("position", text, (not trusted, _FAIL, "", "wait for GPS, vision or optical flow"))
+        yield _judged(
+            "position", text, (not trusted, _FAIL, "", "wait for GPS, vision or optical flow")
+        )
 
 
 def _clock(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
@@ -418,12 +491,17 @@ def _clock(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         yield _judged("lateness", text, *faults)
     boots = heard.intake.clock.boot
     if boots:
-        yield Item("autopilot's clock", _FAIL, f"went back {boots} times: reboots, or two autopilots of one id")
+        yield Item(
+            "autopilot's clock",
+            _FAIL,
+            f"went back {boots} times: reboots, or two autopilots of one id",
+        )
 
 
 def _signing(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     if heard.frames:
-        mine, theirs = setup.signed, heard.signed
+        mine = setup.signed
+        theirs = heard.signed
         yield _judged(
             "signing", f"{theirs} of {heard.frames} frames are signed",
             (mine and not theirs, _FAIL, ", and a key is given", "--signing-key, or its file"),

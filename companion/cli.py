@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
-_NO_VEHICLE = "no --vehicle: nothing is sent. Name the vehicle's file; the paper's tandem is --vehicle tandem"
+_NO_VEHICLE = (
+    "no --vehicle: nothing is sent. Name the vehicle's file; the paper's tandem is --vehicle tandem"
+)
 _EPILOG = """exit codes: 0 done; 1 --check found a fault; 2 bad arguments, vehicle or model file; 3 log unreadable;
 4 link could not be opened, or no autopilot was heard on it; 130 interrupted. It never arms or changes the mode."""
 
@@ -75,14 +77,29 @@ def parser() -> argparse.ArgumentParser:
                    help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
                    "the model (default: full; off with --compare)")  # fmt: skip
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
-    p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
+    p.add_argument(
+        "--signing-key",
+        type=Path,
+        metavar="FILE",
+        help="MAVLink 2 signing key: 32 bytes or 64 hex digits",
+    )
+    p.add_argument(
+        "--target-system",
+        type=int,
+        metavar="N",
+        help="the vehicle's system id (default: the first heard)",
+    )
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument("--compare", action="store_true",
                    help="with sim:NAME: fly the approach with and without offsets, in free air, by the autopilot, and "
                    "print the errors; with --adapt full three approaches in each flight; --record takes the flight "
                    "without offsets")  # fmt: skip
-    p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
+    p.add_argument(
+        "--plot",
+        type=Path,
+        metavar="FILE.svg",
+        help="with --compare: draw the errors over the script",
+    )
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
@@ -112,13 +129,29 @@ def scenario_name(endpoint: str) -> str:
 def _check(a: argparse.Namespace) -> None:
     """Refuse arguments that are wrong, or that cannot be had beside each other."""
     needs = (
-        ("--connect", a.connect is None and not isinstance(a.check, str), "an endpoint, such as udp:0.0.0.0:14550"),
-        ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
-        ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
+        (
+            "--connect",
+            a.connect is None and not isinstance(a.check, str),
+            "an endpoint, such as udp:0.0.0.0:14550",
+        ),
+        (
+            "--duration",
+            a.duration is not None and not 0.0 < a.duration < math.inf,
+            "a positive number of seconds",
+        ),
+        (
+            "--target-system",
+            a.target_system is not None and not 1 <= a.target_system <= 255,
+            "1 to 255",
+        ),
         ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
         ("--plot", a.plot is not None and not a.compare, "--compare"),
         ("--survey", a.survey is not None and a.record is None, "--record"),
-        ("--survey", a.survey is not None and (a.dry_run or a.setpoint != "hold"), "--setpoint hold, sent"),
+        (
+            "--survey",
+            a.survey is not None and (a.dry_run or a.setpoint != "hold"),
+            "--setpoint hold, sent",
+        ),
         ("--carrier", a.carrier != "attitude" and a.setpoint != "hold", "--setpoint hold"),
         ("--check FILE.tlog", isinstance(a.check, str) and a.connect is not None, "no --connect"),
         ("--check", a.check is not None and a.compare, "no --compare"),
@@ -159,7 +192,9 @@ def _preflight(a: argparse.Namespace) -> int:
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
             Flight(config, link, None, listener, arrivals, options).run()
     name = "default vehicle" if a.vehicle is None else str(a.vehicle)
-    setup = check.CheckSetup(config, name, note, a.record, signed=a.signing_key is not None, live=log is None)
+    setup = check.CheckSetup(
+        config, name, note, a.record, signed=a.signing_key is not None, live=log is None
+    )
     found = check.items(listener, setup)
     if a.json is not None:
         write_json(check.as_json(found), a.json)
@@ -186,28 +221,39 @@ def _fly(a: argparse.Namespace) -> int:
     arrivals = Arrivals()
     with ExitStack() as stack:
         # What the flight program logs are lines for the pilot.
-        log, shown = logging.getLogger("companion"), logging.StreamHandler()
+        log = logging.getLogger("companion")
+        shown = logging.StreamHandler()
         log.setLevel(logging.WARNING if a.quiet else logging.INFO)
         log.addHandler(shown)
         stack.callback(log.removeHandler, shown)
         link, sim = _open(a, config.vehicle, stack, arrivals)
         upstream = page = None
         if config.base is Base.UPSTREAM:
-            upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
+            upstream = stack.enter_context(
+                closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1))
+            )
         recorder = None if a.record is None else stack.enter_context(closing(Recorder(a.record)))
         watchdog = stack.enter_context(closing(Watchdog()))
         if a.page is not None:
             page = stack.enter_context(closing(PageFeed(*read_address(a.page))))
             notes.append(f"live page at {page.url}")
-        options = FlightOptions(a.duration, a.target_system, last_word=True, watchdog=watchdog, page=page)
-        for line in notes if not a.quiet else ():  # after all that may refuse, so that a refusal is one line
+        options = FlightOptions(
+            a.duration, a.target_system, last_word=True, watchdog=watchdog, page=page
+        )
+        for line in (
+            notes if not a.quiet else ()
+        ):  # after all that may refuse, so that a refusal is one line
             if line is not None:
                 print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
         if sim is not None and a.duration is None:
             from companion.sim.process import follow
 
-            follow(sim.news, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
+            follow(
+                sim.news,
+                lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True),
+                flight.stop,
+            )
         interrupted = _run(flight)
         if a.json is not None:
             write_json(flight.as_json(), a.json)
@@ -253,15 +299,20 @@ def _open(
     from companion.mavlink.link import open_link, read_signing_key
 
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
-    endpoint, sim = a.connect, None
+    endpoint = a.connect
+    sim = None
     if _simulated(a):
         from companion.sim.flight import SimulatedFlight
         from companion.sim.process import launch
         from companion.sim.scenario import build
 
-        sim = stack.enter_context(launch(SimulatedFlight(vehicle, build(scenario_name(a.connect), vehicle), a.seed)))
+        sim = stack.enter_context(
+            launch(SimulatedFlight(vehicle, build(scenario_name(a.connect), vehicle), a.seed))
+        )
         endpoint = sim.endpoint
-    return stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))), sim
+    return stack.enter_context(
+        closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))
+    ), sim
 
 
 def _run(flight: Flight) -> bool:
@@ -285,7 +336,9 @@ def _run(flight: Flight) -> bool:
 def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import CompareSettings, compare, write
 
-    settings = CompareSettings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
+    settings = CompareSettings(
+        scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record
+    )
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)
     write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)

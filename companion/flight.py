@@ -16,7 +16,13 @@ from companion.control.state import Decision
 from companion.control.survey import Phase
 from companion.last_word import LastWord
 from companion.mavlink import AUTOPILOT_COMPONENT, OWN_COMPONENT
-from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
+from companion.mavlink.firmware import (
+    Stack,
+    mode_name,
+    needed_parameters,
+    stack_of,
+    takes_setpoints,
+)
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import HEARTBEAT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
@@ -28,7 +34,14 @@ from companion.mavlink.tlog_writer import Recorder, Records
 from companion.mavlink.wire_frames import Frame
 from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
-from companion.pipeline import answer, hand_over_place, initial_state, level_command, ready_to_leave, stopped
+from companion.pipeline import (
+    answer,
+    hand_over_place,
+    initial_state,
+    level_command,
+    ready_to_leave,
+    stopped,
+)
 from companion.settle import settle
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
@@ -91,8 +104,13 @@ class Flight:
     ) -> None:  # fmt: skip
         self.summary = Summary(config.dry_run)
         self.reboots = 0
-        self._config, self._link, self._upstream, self._options = config, link, upstream, options
-        self._recorder, self._arrivals, self._watchdog = recorder, arrivals, options.watchdog
+        self._config = config
+        self._link = link
+        self._upstream = upstream
+        self._options = options
+        self._recorder = recorder
+        self._arrivals = arrivals
+        self._watchdog = options.watchdog
         self._adapting = config.adapt is not Adapt.OFF
         self._intake = Intake(options.target_system, unread(adapting=self._adapting))
         self._state = initial_state(config)
@@ -131,7 +149,11 @@ class Flight:
 
     def run(self) -> None:
         """Fly until stopped or until the duration is over."""
-        if self._options.last_word and self._config.base is Base.HOLD and self._link.signatures is None:
+        if (
+            self._options.last_word
+            and self._config.base is Base.HOLD
+            and self._link.signatures is None
+        ):
             self._last_word = LastWord(self._link.fileno) if self._link.fileno >= 0 else None
         try:
             self._fly()
@@ -168,7 +190,8 @@ class Flight:
 
     def _watch_own_stall(self, now_s: float) -> None:
         """What came late because nobody read it is not the telemetry's fault."""
-        stood_s, self._turn_s = now_s - self._turn_s, now_s
+        stood_s = now_s - self._turn_s
+        self._turn_s = now_s
         if stood_s < _STALL_S:
             return
         self._excused_until_s = now_s + _AFTER_STALL_S
@@ -206,9 +229,13 @@ class Flight:
             self._rebooted()
         if intake.clock.set_back_s != self._set_back_s:
             self._set_back_s = intake.clock.set_back_s
-            self._tell(f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s")
+            self._tell(
+                f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s"
+            )
         if frame.system in intake.others:
-            self._say_once(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
+            self._say_once(
+                f"companion: ignoring system {frame.system}; flying with system {intake.system}"
+            )
         if sample is None:
             if frame.system == intake.system:
                 self._note_unread(frame)
@@ -226,8 +253,15 @@ class Flight:
         """Of what is not for ``step``: streams that are only recorded, and another program that is this component."""
         if frame.id in self._intake.unread:
             self._streams.heard(frame.id)
-        if frame.id == HEARTBEAT and frame.component == OWN_COMPONENT and frame.raw not in self._beats:
-            self._tell_once("twin", "companion: another program is component 191 too: stop it or give it another id")
+        if (
+            frame.id == HEARTBEAT
+            and frame.component == OWN_COMPONENT
+            and frame.raw not in self._beats
+        ):
+            self._tell_once(
+                "twin",
+                "companion: another program is component 191 too: stop it or give it another id",
+            )
 
     def _note(self, frame: Frame, sample: Sample) -> None:
         """Keep the books of what was heard: streams, heartbeats, targets to others, a survey's progress."""
@@ -246,7 +280,10 @@ class Flight:
 
     def _note_target(self, component: int) -> None:
         if component not in (0, OWN_COMPONENT):
-            self._tell_once("stray target", f"companion: that target went to component {component}; 191 moves the hold")
+            self._tell_once(
+                "stray target",
+                f"companion: that target went to component {component}; 191 moves the hold",
+            )
 
     def _report(self, decision: Decision) -> None:
         """Tell summary, watchers, ground station and terminal of a decision."""
@@ -255,7 +292,9 @@ class Flight:
             self._options.watch(decision)
         if self._options.page is not None:
             now_s = self._arrivals.now_s()
-            self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
+            self._options.page.offer(
+                lambda: snapshot(decision, self._state, self._config, self._streams, now_s)
+            )
         excused = self._arrivals.now_s() < self._excused_until_s
         self._pass_on(self._status.messages(self._state, decision, excused=excused))
 
@@ -277,7 +316,9 @@ class Flight:
         stack = stack_of(heartbeat)
         if not self._streams.wanted or stack is not self._stack:
             self._stack, recorded = stack, self._recorder is not None
-            wanted = wanted_streams(self._config.vehicle, stack, recorded=recorded, adapting=self._adapting)
+            wanted = wanted_streams(
+                self._config.vehicle, stack, recorded=recorded, adapting=self._adapting
+            )
             self._streams = StreamKeeper(wanted)
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
 
@@ -294,23 +335,31 @@ class Flight:
         if self._due("heartbeat", 1.0, now_s):
             self._send(heartbeat())
             if lateness(self._state.estimates, self._config) > _ASK_CLOCK_S:
-                self._send(timesync(self._arrivals.stamp()))  # is the link late, or has the clock stood still?
+                self._send(
+                    timesync(self._arrivals.stamp())
+                )  # is the link late, or has the clock stood still?
         if not self._streams.wanted:
             if now_s - self._started_s > _LOST_S:
-                self._say_once(f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?")
+                self._say_once(
+                    f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?"
+                )
             return
         self._renew_last_word(now_s)
         self._stay_while_deaf(now_s)
         if self._link.dropped:
             where = self._link.endpoint
-            self._say_once(f"companion: {where} is full: messages are dropped; a higher --baud, fewer streams")
+            self._say_once(
+                f"companion: {where} is full: messages are dropped; a higher --baud, fewer streams"
+            )
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
         for wanted in self._streams.due(now_s):
             self._send(interval_request(wanted, self._system))
         for name, hz in self._streams.in_vain.items():
-            text = f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested"
+            text = (
+                f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested"
+            )
             self._tell_once(f"slow {name}", text)
         for name, times in self._streams.set_back.items():
             if times >= _SET_BACK:
@@ -323,9 +372,11 @@ class Flight:
 
     def _stay_while_deaf(self, now_s: float) -> None:
         if self._hears_attitudes:
-            self._hears_attitudes, self._attitude_s = False, now_s
+            self._hears_attitudes = False
+            self._attitude_s = now_s
             return
-        place, deaf = self._place, _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S
+        place = self._place
+        deaf = _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S
         if place is not None and deaf and self._due("place", _DEAF_PERIOD_S, now_s):
             self._send_command(place)
 
@@ -336,7 +387,11 @@ class Flight:
     def _missing_parameters(self) -> list[str]:
         """What to ask for: what is not known, as long as it is not; GUID_OPTIONS until its bit is set, even if late."""
         self._asked += 1
-        known = {n for n, value in self._state.parameters.items() if n != "GUID_OPTIONS" or int(value) & 8}
+        known = {
+            n
+            for n, value in self._state.parameters.items()
+            if n != "GUID_OPTIONS" or int(value) & 8
+        }
         return [name for name in needed_parameters(self._stack) if name not in known]
 
     def _record(self, at_us: int, raw: bytes) -> None:
@@ -358,13 +413,23 @@ class Flight:
     @property
     def _holds(self) -> bool:
         """Whether our own hold flies the vehicle."""
-        return self._state.hold is not None and not self._config.dry_run and self._config.base is Base.HOLD
+        return (
+            self._state.hold is not None
+            and not self._config.dry_run
+            and self._config.base is Base.HOLD
+        )
 
     @property
     def _place(self) -> PositionCommand | None:
         """Where the autopilot should stay without us; None where no hold flies, or where it takes no places."""
-        state, heartbeat = self._state, self._state.heartbeat
-        if not self._holds or state.hold is None or heartbeat is None or mode_name(heartbeat) == "GUIDED_NOGPS":
+        state = self._state
+        heartbeat = self._state.heartbeat
+        if (
+            not self._holds
+            or state.hold is None
+            or heartbeat is None
+            or mode_name(heartbeat) == "GUIDED_NOGPS"
+        ):
             return None
         return PositionCommand(state.t_s, hand_over_place(state, state.hold), state.hold.target.yaw)
 
@@ -441,7 +506,10 @@ class Flight:
             "autopilot": self._stack.name.lower(),
             "dry_run": self._config.dry_run,
             "messages": {
-                **{name: getattr(self._link, name) for name in ("received", "sent", "bad", "dropped")},
+                **{
+                    name: getattr(self._link, name)
+                    for name in ("received", "sent", "bad", "dropped")
+                },
                 "ignored": self._intake.ignored,
             },
             "reboots": self.reboots,
@@ -458,4 +526,8 @@ class Flight:
 def percentiles_ms(bins: Counter[int]) -> dict[str, float] | None:
     """Median and 99th percentile of what was counted in bins of 10 us, as upper edges; None where nothing was."""
     took = sorted(bins.elements())
-    return {f"p{share}": (took[(len(took) - 1) * share // 100] + 1) / 100.0 for share in (50, 99)} if took else None
+    return (
+        {f"p{share}": (took[(len(took) - 1) * share // 100] + 1) / 100.0 for share in (50, 99)}
+        if took
+        else None
+    )

@@ -23,7 +23,12 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import DOWN, dot, orientation_direction
 from companion.mavlink.samples import Quaternion, Sample
-from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
+from companion.mavlink.setpoints import (
+    ATTITUDE_IGNORED,
+    RATES_IGNORED,
+    SET_ATTITUDE_TARGET,
+    SET_POSITION_TARGET,
+)
 from companion.mavlink.wire_frames import Frame, unpacked
 from companion.pipeline import MAX_THRUST, MIN_THRUST
 from models.frames import GRAVITY
@@ -81,7 +86,9 @@ class Requirement(Enum):
     LANDED = "no setpoint while the autopilot says that it stands on the ground, unless range and rotors contradict it"
     LINK = "no setpoint after the autopilot's heartbeats have stopped"
     DRY_RUN = "a dry run sends no setpoint"
-    FORM = "rates are ignored all or none, thrust never; places are finite; addressed to the autopilot"
+    FORM = (
+        "rates are ignored all or none, thrust never; places are finite; addressed to the autopilot"
+    )
     DECLARED = "no message outside the declared set; never arms"
 
 
@@ -98,14 +105,21 @@ class Tally:
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where it was never broken."""
         first_s = round(self.first_s, 3) if self.broken else None
-        return {"checked": self.checked, "broken": self.broken, "first_s": first_s, "first": self.first or None}
+        return {
+            "checked": self.checked,
+            "broken": self.broken,
+            "first_s": first_s,
+            "first": self.first or None,
+        }
 
 
 @dataclass
 class Audit:
     """What has been found so far."""
 
-    requirements: dict[Requirement, Tally] = field(default_factory=lambda: {one: Tally() for one in Requirement})
+    requirements: dict[Requirement, Tally] = field(
+        default_factory=lambda: {one: Tally() for one in Requirement}
+    )
     sent: int = 0
     setpoints: int = 0
     offsets: int = 0
@@ -126,7 +140,10 @@ class Audit:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        promises = {p.name.lower(): {"promise": p.value, **k.as_json()} for p, k in self.requirements.items()}
+        promises = {
+            p.name.lower(): {"promise": p.value, **k.as_json()}
+            for p, k in self.requirements.items()
+        }
         counts = {"sent": self.sent, "setpoints": self.setpoints, "offsets": self.offsets}
         return {"kept": self.kept, **counts, "promises": promises}
 
@@ -152,7 +169,11 @@ class AirEvidence:
 
     def hear_rotors(self, sample: samples.RotorSpeeds) -> None:
         """Rotor speeds."""
-        known = {esc: rpm * rpm for esc, rpm in enumerate(sample.rpm, sample.first_esc) if math.isfinite(rpm)}
+        known = {
+            esc: rpm * rpm
+            for esc, rpm in enumerate(sample.rpm, sample.first_esc)
+            if math.isfinite(rpm)
+        }
         self.rpm2 |= known
         if self.landed_state != _ON_GROUND and (mean := self._mean_rpm2) > 0.0:
             old = mean if math.isnan(self.flown_rpm2) else self.flown_rpm2
@@ -200,12 +221,20 @@ class Auditor:
     """
 
     def __init__(
-        self, vehicle: Vehicle | None = None, *, hold: bool = True, dry_run: bool = False, system: int | None = None
+        self,
+        vehicle: Vehicle | None = None,
+        *,
+        hold: bool = True,
+        dry_run: bool = False,
+        system: int | None = None,
     ) -> None:
         self._limits = Limits() if vehicle is None else vehicle.limits
         self._needs = _needed_inputs(vehicle, hold)
-        self._vehicle, self._hold, self._dry_run = vehicle, hold, dry_run
-        self._intake, self._heard = Intake(system), _Heard()
+        self._vehicle = vehicle
+        self._hold = hold
+        self._dry_run = dry_run
+        self._intake = Intake(system)
+        self._heard = _Heard()
         self._start_us: int | None = None
         self._now_us = self._boot = 0
         self._last_stamp_ms: int | None = None
@@ -228,19 +257,23 @@ class Auditor:
         sample = self._intake.sample(frame, arrival_us)
         if self._intake.clock.boot != self._boot:
             self._boot = self._intake.clock.boot
-            self._heard, self._last_stamp_ms, self._last = _Heard(), None, None
+            self._heard = _Heard()
+            self._last_stamp_ms = None
+            self._last = None
         if sample is not None:
             self._take(sample)
 
     def decision(self, decision: Decision) -> None:
         """What was decided on the frames so far; its offset is then checked exactly and at every setpoint."""
-        o, before = decision.offset, self._last
+        o = decision.offset
+        before = self._last
         self._last = decision
         if decision.command is None:
             return
         self.audit.offsets += 1
         limits = self._limits
-        tilt, rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
+        tilt = math.radians(limits.tilt_deg)
+        rate = math.radians(limits.slew_tilt_deg_per_s)
         parts = [(o.thrust, limits.thrust), (o.roll, tilt), (o.pitch, tilt)]
         parts += [(a, GRAVITY * math.tan(tilt)) for a in o.acceleration]
         text = f"thrust {o.thrust:+.4f}, roll {math.degrees(o.roll):+.2f}, pitch {math.degrees(o.pitch):+.2f} deg"
@@ -249,8 +282,13 @@ class Auditor:
         held_back = not HOLDS_BACK_EVERYTHING.isdisjoint(decision.reasons)
         if before is None or before.command is None or held_back:
             return  # what is sent then fades by itself from what was sent last, or is nobody's to obey
-        dt, b = min(max(decision.t_s - before.t_s, 0.0), _SLEW_GAP_S), before.offset
-        moves = ((o.thrust - b.thrust, limits.slew_thrust_per_s), (o.roll - b.roll, rate), (o.pitch - b.pitch, rate))
+        dt = min(max(decision.t_s - before.t_s, 0.0), _SLEW_GAP_S)
+        b = before.offset
+        moves = (
+            (o.thrust - b.thrust, limits.slew_thrust_per_s),
+            (o.roll - b.roll, rate),
+            (o.pitch - b.pitch, rate),
+        )
         inside = all(abs(move) <= most * dt + _WIRE for move, most in moves)
         moved = ", ".join(f"{move:+.4f}" for move, _ in moves)
         self._check(Requirement.SLEW, inside, f"thrust, roll, pitch moved {moved} in {dt:.3f} s")
@@ -258,8 +296,11 @@ class Auditor:
     def _take(self, sample: Sample) -> None:
         heard = self._heard
         match sample:
-            case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
-                heard.heartbeat, heard.beat_us = sample, self._now_us
+            case samples.Heartbeat() if (
+                sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT
+            ):
+                heard.heartbeat = sample
+                heard.beat_us = self._now_us
             case samples.LandedState():
                 heard.air.landed_state = sample.landed_state
             case samples.Attitude():
@@ -270,15 +311,23 @@ class Auditor:
             case samples.LocalPosition():
                 heard.inputs_s["position"] = sample.t_s
             case samples.SetAttitudeTarget():
-                heard.upstream, heard.basis_s = sample, sample.t_s
-            case samples.Range() if sample.verdict in (samples.RangeVerdict.OK, samples.RangeVerdict.ABOVE_MAX):
+                heard.upstream = sample
+                heard.basis_s = sample.t_s
+            case samples.Range() if sample.verdict in (
+                samples.RangeVerdict.OK,
+                samples.RangeVerdict.ABOVE_MAX,
+            ):
                 for name in self._beams(sample):
                     heard.inputs_s[name] = sample.t_s
-                sees = sample.verdict is samples.RangeVerdict.OK and sample.direction_frd is not None
+                sees = (
+                    sample.verdict is samples.RangeVerdict.OK and sample.direction_frd is not None
+                )
                 if sees and dot(sample.direction_frd or DOWN, DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
             case samples.Ring() if any(distance == distance for distance in sample.distances_m):
-                heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = sample.t_s
+                heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = (
+                    sample.t_s
+                )
             case samples.RotorSpeeds():
                 heard.air.hear_rotors(sample)
                 for name in self._rotors(sample):
@@ -319,12 +368,20 @@ class Auditor:
         elif frame.id == _NAMED_VALUE_FLOAT:
             _, value, name = unpacked(frame.id, frame.payload)
             self._named_value(name.rstrip(b"\0").decode("ascii", "replace"), value)
-        asks = frame.id != _COMMAND_LONG or unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL
+        asks = (
+            frame.id != _COMMAND_LONG
+            or unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL
+        )
         text = f"message {frame.id}, {frame.payload[:33].hex()}"
         self._check(Requirement.DECLARED, frame.id in _DECLARED and asks, text)
 
     def _attitude(self, fields: tuple[Any, ...]) -> None:
-        stamp_ms, q, thrust, (system, component, mask) = fields[0], fields[1:5], fields[8], fields[9:12]
+        stamp_ms, q, thrust, (system, component, mask) = (
+            fields[0],
+            fields[1:5],
+            fields[8],
+            fields[9:12],
+        )
         size = math.sqrt(sum(c * c for c in q))
         proper = abs(size - 1.0) <= _UNIT
         rates_only = bool(mask & ATTITUDE_IGNORED)
@@ -344,14 +401,21 @@ class Auditor:
     def _position(self, fields: tuple[Any, ...]) -> None:
         stamp_ms, place, (system, component) = fields[0], fields[1:4], fields[13:15]
         finite = all(math.isfinite(v) for v in fields[1:12])
-        self._check(Requirement.FORM, finite and self._addressed(system, component), f"place {place}")
+        self._check(
+            Requirement.FORM, finite and self._addressed(system, component), f"place {place}"
+        )
         self._setpoint(False, f"a place to fly to, {place[0]:.2f} {place[1]:.2f} {place[2]:.2f}")
-        self._check(Requirement.FRESH, self._age_s(stamp_ms) <= _HAND_OVER_S, f"{self._age_s(stamp_ms):.2f} s old")
+        self._check(
+            Requirement.FRESH,
+            self._age_s(stamp_ms) <= _HAND_OVER_S,
+            f"{self._age_s(stamp_ms):.2f} s old",
+        )
 
     def _setpoint(self, bare: bool, what: str) -> None:
         """``bare``: carries no offset and no place, only "stay as you are"."""
         self.audit.setpoints += 1
-        heard, beat = self._heard, self._heard.heartbeat
+        heard = self._heard
+        beat = self._heard.heartbeat
         if self._dry_run:
             self._check(Requirement.DRY_RUN, False, what)
         self._check(Requirement.ARMED, beat is not None and beat.armed, what)
@@ -361,17 +425,26 @@ class Auditor:
         standing = heard.air.landed_state == _ON_GROUND and not heard.air.contradicts_landing
         self._check(Requirement.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.
-        age_s = math.inf if beat is None else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
-        self._check(Requirement.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat")
+        age_s = (
+            math.inf
+            if beat is None
+            else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
+        )
+        self._check(
+            Requirement.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat"
+        )
 
     def _fresh(self, stamp_ms: int, level: bool) -> None:
-        age_s, last = self._age_s(stamp_ms), self._last_stamp_ms
+        age_s = self._age_s(stamp_ms)
+        last = self._last_stamp_ms
         again = last is not None and _ms_between(last, stamp_ms) <= 0
         self._last_stamp_ms = stamp_ms if not again else last
         if level:  # the end of a hold where places are not taken
             self._check(Requirement.FRESH, age_s <= _HAND_OVER_S, f"{age_s:.2f} s old")
         else:
-            words = f"stamped {stamp_ms / 1000.0:.3f} s, {age_s:.2f} s old" + (", a second time" if again else "")
+            words = f"stamped {stamp_ms / 1000.0:.3f} s, {age_s:.2f} s old" + (
+                ", a second time" if again else ""
+            )
             self._check(Requirement.FRESH, age_s <= _OLD_S and not again, words)
 
     def _age_s(self, stamp_ms: int) -> float:
@@ -381,17 +454,27 @@ class Auditor:
 
     def _is_upstreams(self, q: Quaternion, thrust: float) -> bool:
         sent = self._heard.upstream
-        return sent is not None and _angle(q, sent.q_ned_frd) <= _LEVEL_RAD and abs(thrust - sent.thrust) <= _UNIT
+        return (
+            sent is not None
+            and _angle(q, sent.q_ned_frd) <= _LEVEL_RAD
+            and abs(thrust - sent.thrust) <= _UNIT
+        )
 
     def _beside_upstream(self, q: Quaternion, thrust: float) -> None:
         """What is forwarded differs from what upstream sent by no more than the limits."""
-        upstream, limits = self._heard.upstream, self._limits
+        upstream = self._heard.upstream
+        limits = self._limits
         if upstream is None or upstream.type_mask & ATTITUDE_IGNORED:
             return
-        angle, change = _angle(q, upstream.q_ned_frd), thrust - upstream.thrust
+        angle = _angle(q, upstream.q_ned_frd)
+        change = thrust - upstream.thrust
         most = math.sqrt(2.0) * math.radians(limits.tilt_deg) + _LEVEL_RAD
         inside = angle <= most and abs(change) <= limits.thrust + _UNIT
-        self._check(Requirement.LIMITS, inside, f"{math.degrees(angle):.2f} deg and {change:+.3f} from upstream's")
+        self._check(
+            Requirement.LIMITS,
+            inside,
+            f"{math.degrees(angle):.2f} deg and {change:+.3f} from upstream's",
+        )
 
     def _named_value(self, name: str, value: float) -> None:
         """The offsets as telemetry has them; thrust, roll and pitch come one after the other."""
@@ -402,7 +485,9 @@ class Auditor:
         self._check(Requirement.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
         if name == "cc_pitch":
             self.audit.offsets += self._last is None
-            self._check_lost(any(abs(v) > _NOTHING for v in self._named.values()), self._heard.now_s)
+            self._check_lost(
+                any(abs(v) > _NOTHING for v in self._named.values()), self._heard.now_s
+            )
 
     def _check_lost(self, offset: bool, t_s: float) -> None:
         if not offset:
@@ -422,7 +507,8 @@ class Auditor:
         if holds:
             return
         if not kept.broken:
-            kept.first_s, kept.first = (self._now_us - (self._start_us or 0)) / 1e6, text
+            kept.first_s = (self._now_us - (self._start_us or 0)) / 1e6
+            kept.first = text
         kept.broken += 1
 
 
@@ -431,7 +517,11 @@ def _needed_inputs(vehicle: Vehicle | None, hold: bool) -> tuple[str, ...]:
     out = ["attitude", "timely telemetry", *(["position"] if hold else [])]
     if vehicle is None:
         return (*out, "rangefinders")
-    out += [f"rangefinder {r.orientation}" for r in vehicle.rangefinders if r.target in ("ground", "wall")]
+    out += [
+        f"rangefinder {r.orientation}"
+        for r in vehicle.rangefinders
+        if r.target in ("ground", "wall")
+    ]
     if not vehicle.telemetered:
         return (*out, "servo outputs")
     return (*out, *(f"rotor speed {rotor.esc}" for rotor in vehicle.rotors))

@@ -84,7 +84,9 @@ def _say(fd: int, frame: bytes, peers: list[str]) -> None:
 
 def main(fd: int) -> None:
     """The child: read what the parent renews, say the last word when that stops, end when the parent has ended."""
-    rest, frame, peers = b"", b"", list[str]()
+    rest = b""
+    frame = b""
+    peers = list[str]()
     left = 0
     while True:
         patience_s = PERIOD_S if left else SILENCE_S if frame else None

@@ -22,12 +22,28 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control import engagement, hover_thrust, landed, swing_detector
 from companion.control.compensation import Offset, Offsets, fade, slewed, wanted_offset
 from companion.control.engagement import waits_for_mode
-from companion.control.hand_over import HAND_OVER_S, NOT_OURS, begin_hand_over, hand_over_command, held_off, place_of
+from companion.control.hand_over import (
+    HAND_OVER_S,
+    NOT_OURS,
+    begin_hand_over,
+    hand_over_command,
+    held_off,
+    place_of,
+)
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.lateness import LATE_STOP_S, lateness
 from companion.control.plant import FULL, hear_position
-from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, settled_target, shifted
+from companion.control.position_hold import (
+    BaseSetpoint,
+    Hold,
+    Motion,
+    balanced,
+    engage,
+    fly,
+    settled_target,
+    shifted,
+)
 from companion.control.position_target import Target, read_target, stay
 from companion.control.push import modelled_disturbance
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
@@ -41,7 +57,14 @@ from companion.estimation.estimator import blank_estimates
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
-from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
+from companion.mavlink.firmware import (
+    Stack,
+    ThrustMap,
+    mode_name,
+    stack_of,
+    takes_setpoints,
+    thrust_map,
+)
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle
@@ -83,7 +106,11 @@ def initial_state(config: PipelineConfig) -> PipelineState:
 
 def stopped(state: PipelineState) -> PipelineState:
     """Ask for the end: offsets fade, and the vehicle comes to rest where it is."""
-    hold = None if state.hold is None else state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
+    hold = (
+        None
+        if state.hold is None
+        else state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
+    )
     return replace(state, stopping=True, hold=hold)
 
 
@@ -101,16 +128,22 @@ def ready_to_leave(state: PipelineState) -> bool:
 def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeCommand:
     """Level at hover thrust, heading as held."""
     yaw = 0.0 if state.hold is None else state.hold.target.yaw
-    return AttitudeCommand(state.t_s, quaternion_from_euler(0.0, 0.0, yaw), _thrust_map(state, config).hover)
+    return AttitudeCommand(
+        state.t_s, quaternion_from_euler(0.0, 0.0, yaw), _thrust_map(state, config).hover
+    )
 
 
-def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
+def step(
+    state: PipelineState, sample: Sample, config: PipelineConfig
+) -> tuple[PipelineState, Decision | None]:
     """Take in one sample; decide where the sample calls for a decision."""
     state, decision = answer(state, sample, config)
     return settle(state, sample, decision, config), decision
 
 
-def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
+def answer(
+    state: PipelineState, sample: Sample, config: PipelineConfig
+) -> tuple[PipelineState, Decision | None]:
     """What ``step`` decides, and the state for ``settle``, which is due before the next sample.
 
     A decision follows an attitude (``Base.HOLD``) or an upstream setpoint (``Base.UPSTREAM``; while upstream is silent,
@@ -123,13 +156,19 @@ def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tupl
     if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
-        newest = {samples.Attitude: state.estimates.attitude, samples.LocalPosition: state.estimates.position}
+        newest = {
+            samples.Attitude: state.estimates.attitude,
+            samples.LocalPosition: state.estimates.position,
+        }
         if (seen := newest.get(type(sample))) is not None and sample.t_s < seen.t_s:
             return state, None  # out of order: a newer one has been taken in
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
-    if isinstance(sample, samples.LocalPosition) and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S:
+    if (
+        isinstance(sample, samples.LocalPosition)
+        and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S
+    ):
         state = _compared(_renew_disturbance(state, sample.t_s, config), config)
     if not _calls_for_decision(state, sample, config):
         return state, None
@@ -141,7 +180,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
     estimates = state.estimates
     match sample:
         case samples.Attitude():
-            stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(estimates, sample)
+            stamped_s = max(state.stamped_s, sample.t_s)
+            estimates = est.take_attitude(estimates, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, estimates=estimates)
         case samples.LocalPosition():
             return _take_position(state, sample, now)
@@ -151,7 +191,9 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))
         case samples.ServoOutput() if sample.port == config.vehicle.servo_port:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
-        case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
+        case samples.Heartbeat() if (
+            sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT
+        ):
             seen = engagement.hear_heartbeat(state.engagement, sample)
             if seen.mode != state.engagement.mode:
                 # Another mode, another beginning: a hold that swung under the last one may try again.
@@ -162,15 +204,24 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case samples.Pressure():
             return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
         case samples.EstimatorStatus():
-            return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample)))
+            return replace(
+                state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample))
+            )
         case samples.EscTemperatures():
-            return replace(state, t_s=now, estimates=est.take_temperatures(estimates, sample.temperature_c))
+            return replace(
+                state, t_s=now, estimates=est.take_temperatures(estimates, sample.temperature_c)
+            )
         case samples.AttitudeTarget():
-            stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
+            stamped_s = max(state.stamped_s, sample.t_s)
+            hover = _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
         case samples.Imu() if state.adaptation is not None:
             here = Situation(
-                estimates, state.disturbance, state.disturbance_s, state.air.since_s, state.air.landed_state
+                estimates,
+                state.disturbance,
+                state.disturbance_s,
+                state.air.since_s,
+                state.air.landed_state,
             )
             return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
         case samples.LandedState():
@@ -179,17 +230,29 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return _take_request(state, sample, config)
 
 
-def _take_position(state: PipelineState, sample: samples.LocalPosition, now_s: float) -> PipelineState:
-    hold, drift = state.hold, height_drift.NO_DRIFT
+def _take_position(
+    state: PipelineState, sample: samples.LocalPosition, now_s: float
+) -> PipelineState:
+    hold = state.hold
+    drift = height_drift.NO_DRIFT
     timing = hear_position(state.timing, sample.t_s, sample.late_s)
     if hold is not None:
         drift, sample = height_drift.hear(state.drift, sample)
-    estimates, stamped_s = est.take_position(state.estimates, sample), max(state.stamped_s, sample.t_s)
+    estimates = est.take_position(state.estimates, sample)
+    stamped_s = max(state.stamped_s, sample.t_s)
     reset = estimates.reset
     if hold is not None and reset is not None and reset.t_s == sample.t_s:
         # The autopilot set its position anew: the hold point moves with it, the vehicle itself did not move.
         hold = shifted(hold, reset.by_ned)
-    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, timing=timing, drift=drift, hold=hold)
+    return replace(
+        state,
+        t_s=now_s,
+        stamped_s=stamped_s,
+        estimates=estimates,
+        timing=timing,
+        drift=drift,
+        hold=hold,
+    )
 
 
 def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
@@ -199,50 +262,73 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
         case samples.SetPositionTarget() if sample.target_component == OWN_COMPONENT:
             return _retarget(state, sample)
-        case samples.SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
+        case samples.SetAttitudeTarget() if (
+            config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
+        ):
             return replace(state, upstream=sample)
     return state
 
 
-def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox) -> PipelineState:
+def _surveyed(
+    state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox
+) -> PipelineState:
     """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
     if isinstance(sample, samples.SetPositionTarget) and sample.target_component == OWN_COMPONENT:
         return replace(state, survey=aborted(state.survey, "a target came from outside"))
-    position, disturbance = state.estimates.position, state.disturbance
+    position = state.estimates.position
+    disturbance = state.disturbance
     if not isinstance(sample, samples.LocalPosition) or position is None:
         return state
-    height, wall, towards = math.nan, math.nan, None
+    height = math.nan
+    wall = math.nan
+    towards = None
     if disturbance is not None:
         height = min(disturbance.h_m) if disturbance.ground.known else math.nan
         wall = min(disturbance.d_m) if disturbance.wall.known else math.nan
         towards = level_wall(disturbance)
-    seen = Whereabouts(sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards)
+    seen = Whereabouts(
+        sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards
+    )
     survey, wanted = advance(state.survey, box, seen)
     state = replace(state, survey=survey)
-    return state if wanted is None else _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
+    return (
+        state if wanted is None else _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
+    )
 
 
 def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     """The ranges to ground and wall beside the newest position, while the hold flies by it."""
-    estimates, disturbance = state.estimates, state.disturbance
-    position, reset = estimates.position, estimates.reset
+    estimates = state.estimates
+    disturbance = state.disturbance
+    position = estimates.position
+    reset = estimates.reset
     if state.hold is None or position is None:
-        return state if state.wall_drift is NO_WALL_DRIFT else replace(state, wall_drift=NO_WALL_DRIFT)
+        return (
+            state if state.wall_drift is NO_WALL_DRIFT else replace(state, wall_drift=NO_WALL_DRIFT)
+        )
     t_s = position.t_s
     if disturbance is None:
         ground, wall = (est.surface(estimates, config, what, t_s) for what in ("ground", "wall"))
     else:
-        ground, wall = disturbance.ground, disturbance.wall
+        ground = disturbance.ground
+        wall = disturbance.wall
     near_m = NO_MATTER_RADII * config.vehicle.rotor_radius_m
-    beside = compare_wall(state.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s)
-    notice = (Notice.POSITION_DRIFTS, t_s) if beside.drifts and not state.wall_drift.drifts else state.notice
+    beside = compare_wall(
+        state.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s
+    )
+    notice = (
+        (Notice.POSITION_DRIFTS, t_s)
+        if beside.drifts and not state.wall_drift.drifts
+        else state.notice
+    )
     drift = height_drift.compare(state.drift, ground, position)
     return replace(state, drift=drift, wall_drift=beside, notice=notice)
 
 
 def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> PipelineState:
     """A target moves the hold that is engaged; one that came before is not kept."""
-    position, rows = state.estimates.position, state.estimates.rows
+    position = state.estimates.position
+    rows = state.estimates.rows
     if state.hold is None or state.stopping or position is None or rows is None:
         return state
     yaw = math.atan2(rows[1][0], rows[0][0])
@@ -262,7 +348,9 @@ def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCo
     return not 0.0 <= sample.t_s - state.decided_s < _SHORTEST_PERIOD_S
 
 
-def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
+def _decide(
+    state: PipelineState, t_s: float, config: PipelineConfig
+) -> tuple[PipelineState, Decision]:
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
     if not 0.0 <= t_s - state.disturbance_s <= 2.0 * _DISTURBANCE_PERIOD_S:
         state = _renew_disturbance(state, t_s, config)
@@ -278,7 +366,9 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     had_hold = state.hold is not None
     state, base = _base(state, bool(held_back), thrust, config, t_s)
     before = state.offsets.applied
-    state = replace(state, offsets=_offsets(state, base, reasons, bool(held_back), thrust, config, dt))
+    state = replace(
+        state, offsets=_offsets(state, base, reasons, bool(held_back), thrust, config, dt)
+    )
     applied = state.offsets.applied
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
@@ -293,7 +383,8 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         command = _command(state, base, applied, thrust, config, t_s)
     hold = None if held_back else state.hold
     state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over)
-    tuned, authority = state.tuned if config.base is Base.HOLD else None, state.offsets.authority
+    tuned = state.tuned if config.base is Base.HOLD else None
+    authority = state.offsets.authority
     return state, Decision(
         t_s, command, reasons, authority, applied, base, state.disturbance, late_s, tuned, state.notice,
         state.adaptation,
@@ -305,11 +396,16 @@ def _offsets(
     config: PipelineConfig, dt_s: float,
 ) -> Offsets:  # fmt: skip
     """The offset to apply, one step on."""
-    old, disturbance, rows = state.offsets, state.disturbance, state.estimates.rows
+    old = state.offsets
+    disturbance = state.disturbance
+    rows = state.estimates.rows
     usable = disturbance is not None and not reasons
-    wanted, washout = old.wanted, old.washout
+    wanted = old.wanted
+    washout = old.washout
     if disturbance is not None and rows is not None and base is not None:
-        fresh, washout = wanted_offset(disturbance, washout, config, thrust, base.thrust, rows, dt_s)
+        fresh, washout = wanted_offset(
+            disturbance, washout, config, thrust, base.thrust, rows, dt_s
+        )
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
     trusted = 1.0 if usable else 0.0
@@ -322,11 +418,14 @@ def _offsets(
 
 
 def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
-    rotors, rows = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rows
+    rotors = est.rotor_speeds(state.estimates, config, t_s)
+    rows = state.estimates.rows
     if rotors is None or rows is None:
         return replace(state, disturbance=None, disturbance_s=t_s)
     applied = None if state.adaptation is None else state.adaptation.applied
-    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping_1_s(state, config), applied)
+    disturbance = modelled_disturbance(
+        state.estimates, config, rotors, rows, t_s, damping_1_s(state, config), applied
+    )
     share = state.lift_share
     if state.air.flies(t_s):
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
@@ -341,9 +440,13 @@ def damping_1_s(state: PipelineState, config: PipelineConfig) -> float:
     return (FULL if state.tuned is None else state.tuned.gains).velocity_1_s
 
 
-def _airborne(state: PipelineState, config: PipelineConfig, t_s: float, late_since_s: float) -> PipelineState:
+def _airborne(
+    state: PipelineState, config: PipelineConfig, t_s: float, late_since_s: float
+) -> PipelineState:
     """Whether the vehicle flies, and since when its telemetry is late."""
-    position, vehicle, notice = state.estimates.position, config.vehicle, state.notice
+    position = state.estimates.position
+    vehicle = config.vehicle
+    notice = state.notice
     air = landed.watch(
         state.air, state.disturbance, vehicle.mass_kg * GRAVITY, t_s,
         telemetered=vehicle.telemetered, holding=state.hold is not None,
@@ -362,8 +465,11 @@ def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
 
 def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
-    position, heartbeat = state.estimates.position, state.heartbeat
-    own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
+    position = state.estimates.position
+    heartbeat = state.heartbeat
+    own = heartbeat is not None and (
+        stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat)
+    )
     flying = own and state.hold is None and state.hand_over is None and state.upstream is None
     hovers = (
         flying
@@ -374,7 +480,9 @@ def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> Hove
     )
     if not hovers:
         return hover_thrust.heard(state.hover, sample.t_s, sample.thrust)
-    return hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion=state.offsets.wanted.thrust)
+    return hover_thrust.learn(
+        state.hover, sample.t_s, sample.thrust, cushion=state.offsets.wanted.thrust
+    )
 
 
 def _base(
@@ -395,7 +503,8 @@ def _base(
     (north, _, x), (east, _, y), (_, _, z) = estimates.rows
     yaw = math.atan2(east, north)
     position = estimates.position
-    authority, offset = state.offsets.authority, state.offsets.offset
+    authority = state.offsets.authority
+    offset = state.offsets.offset
     seen = state.disturbance
     wall_ahead = watch_wall(state.wall_ahead, seen, position.velocity_ned, t_s)
     near_m = _NEAR_RADII * config.vehicle.rotor_radius_m
@@ -406,13 +515,16 @@ def _base(
         clear_of_wall, state.balance.acceleration,
     )  # fmt: skip
     assert state.tuned is not None
-    gains, hold = state.tuned.gains, state.hold
+    gains = state.tuned.gains
+    hold = state.hold
     if hold is None:
         fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
         thrust_now = state.hover.now if fresh else thrust.hover
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
         vehicle = config.vehicle
-        drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
+        drag = (
+            drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
+        )
         hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s, drag)
         hold = _returned(hold, state.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
@@ -430,15 +542,21 @@ def _left(state: PipelineState, held_back: set[Reason], t_s: float) -> tuple[Tar
 
 def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, t_s: float) -> Hold:
     """A hold that was let go a moment ago goes on to where it was to stay: a stall is no new beginning."""
-    if left is None or not 0.0 <= t_s - left[1] <= _RETURN_S or math.dist(left[0].position, position) > _RETURN_M:
+    if (
+        left is None
+        or not 0.0 <= t_s - left[1] <= _RETURN_S
+        or math.dist(left[0].position, position) > _RETURN_M
+    ):
         return hold
     return hold._replace(target=replace(left[0], set_s=t_s))
 
 
 def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
     """North and east [m/s^2]: what the tilt of an offset gives."""
-    forward, right = -GRAVITY * math.tan(pitch), GRAVITY * math.tan(roll)
-    c, s = math.cos(yaw), math.sin(yaw)
+    forward = -GRAVITY * math.tan(pitch)
+    right = GRAVITY * math.tan(roll)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     return c * forward - s * right, s * forward + c * right
 
 
@@ -446,9 +564,17 @@ def _keep_balance(
     state: PipelineState, before: Offset, after: Offset, thrust: ThrustMap, config: PipelineConfig
 ) -> PipelineState:
     """What an offset that fades out balanced, the hold balances from here on: the air did not change with the input."""
-    hold, rows = state.hold, state.estimates.rows
-    lost, roll, pitch = before.thrust - after.thrust, before.roll - after.roll, before.pitch - after.pitch
-    if hold is None or rows is None or config.carrier is not Carrier.ATTITUDE or lost == roll == pitch == 0.0:
+    hold = state.hold
+    rows = state.estimates.rows
+    lost = before.thrust - after.thrust
+    roll = before.roll - after.roll
+    pitch = before.pitch - after.pitch
+    if (
+        hold is None
+        or rows is None
+        or config.carrier is not Carrier.ATTITUDE
+        or lost == roll == pitch == 0.0
+    ):
         return state
     north, east = _level_acceleration(roll, pitch, math.atan2(rows[1][0], rows[0][0]))
     down = -lost * thrust.slope * GRAVITY
@@ -461,18 +587,26 @@ def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> Pipelin
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
     return replace(
-        state, hand_over=begin_hand_over(state.last, held_back, t_s, places, hand_over_place(state, state.hold))
+        state,
+        hand_over=begin_hand_over(
+            state.last, held_back, t_s, places, hand_over_place(state, state.hold)
+        ),
     )
 
 
 def hand_over_place(state: PipelineState, hold: Hold) -> Vector3:
     """Where the autopilot is to stay when the hold ends, NED."""
-    place, towards = place_of(hold, state.drift.correction_m), level_wall(state.disturbance)
+    place = place_of(hold, state.drift.correction_m)
+    towards = level_wall(state.disturbance)
     return place if towards is None else held_off(place, state.balance.acceleration, towards)
 
 
 def _command_held_back(
-    state: PipelineState, held_back: set[Reason], thrust: ThrustMap, config: PipelineConfig, t_s: float
+    state: PipelineState,
+    held_back: set[Reason],
+    thrust: ThrustMap,
+    config: PipelineConfig,
+    t_s: float,
 ) -> Command | None:
     """What is sent although nothing is compensated: the end of a hold, or what PX4 needs before OFFBOARD."""
     if state.hand_over is not None and not held_back & NOT_OURS:
@@ -483,13 +617,20 @@ def _command_held_back(
     if config.base is Base.UPSTREAM:
         upstream = state.upstream
         assert upstream is not None
-        return AttitudeCommand(t_s, upstream.q_ned_frd, upstream.thrust, upstream.type_mask, upstream.rates_frd)
+        return AttitudeCommand(
+            t_s, upstream.q_ned_frd, upstream.thrust, upstream.type_mask, upstream.rates_frd
+        )
     yaw = math.atan2(rows[1][0], rows[0][0])
     return AttitudeCommand(t_s, quaternion_from_euler(0.0, 0.0, yaw), thrust.hover)
 
 
 def _command(
-    state: PipelineState, base: BaseSetpoint, offset: Offset, thrust: ThrustMap, config: PipelineConfig, t_s: float
+    state: PipelineState,
+    base: BaseSetpoint,
+    offset: Offset,
+    thrust: ThrustMap,
+    config: PipelineConfig,
+    t_s: float,
 ) -> Command | None:
     if config.carrier is Carrier.ACCELERATION:
         if state.hold is None:
@@ -503,8 +644,14 @@ def _command(
         upstream = state.upstream
         assert upstream is not None
         # An upstream controller's own extremes are its business; the offset never goes past the limits.
-        value = base.thrust + min(max(offset.thrust, min(floor - base.thrust, 0.0)), max(ceiling - base.thrust, 0.0))
+        value = base.thrust + min(
+            max(offset.thrust, min(floor - base.thrust, 0.0)), max(ceiling - base.thrust, 0.0)
+        )
         q = tilt_by(upstream.q_ned_frd, offset.roll, offset.pitch)
-        return AttitudeCommand(t_s, q, min(max(value, 0.0), 1.0), upstream.type_mask, upstream.rates_frd)
+        return AttitudeCommand(
+            t_s, q, min(max(value, 0.0), 1.0), upstream.type_mask, upstream.rates_frd
+        )
     q = quaternion_from_euler(base.roll, base.pitch, base.yaw)
-    return AttitudeCommand(t_s, tilt_by(q, offset.roll, offset.pitch), min(max(value, floor), ceiling))
+    return AttitudeCommand(
+        t_s, tilt_by(q, offset.roll, offset.pitch), min(max(value, floor), ceiling)
+    )

@@ -26,24 +26,32 @@ _OTHER_LAG = 0.15
 """A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
 
-def settle(state: PipelineState, sample: Sample, decision: Decision | None, config: PipelineConfig) -> PipelineState:
+def settle(
+    state: PipelineState, sample: Sample, decision: Decision | None, config: PipelineConfig
+) -> PipelineState:
     """Take an attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
-    estimates, adaptation = state.estimates, state.adaptation
+    estimates = state.estimates
+    adaptation = state.adaptation
     if estimates.attitude is not sample:
         return state
     if adaptation is not None and adaptation.full is not None:
         state = replace(state, adaptation=learn(adaptation, config))
-    t_s, rows = sample.t_s, estimates.rows
+    t_s = sample.t_s
+    rows = estimates.rows
     assert rows is not None
     (_, _, x), (_, _, y), (sp, sr, z) = rows
-    timing, balance, response = state.timing, state.balance, state.response
+    timing = state.timing
+    balance = state.balance
+    response = state.response
     timing = hear_attitude(timing, t_s)
     if estimates.position is not None:
         balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z))
     if config.base is not Base.HOLD:
         return replace(state, timing=timing, balance=balance)
     if not config.dry_run:
-        response = attitude_response.hear_tilt(response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0)))
+        response = attitude_response.hear_tilt(
+            response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0))
+        )
     state = replace(state, timing=timing, balance=balance, response=response)
     if decision is None:
         return state
@@ -60,8 +68,11 @@ def _remember(
     """What letting go begins with, and what the attitude is to answer to."""
     if not isinstance(command, AttitudeCommand):
         return replace(state, last=base)
-    roll, pitch = base.roll + state.offsets.applied.roll, base.pitch + state.offsets.applied.pitch
-    state = replace(state, last=BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration))
+    roll = base.roll + state.offsets.applied.roll
+    pitch = base.pitch + state.offsets.applied.pitch
+    state = replace(
+        state, last=BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
+    )
     if config.dry_run:
         return state
     return replace(state, response=attitude_response.sent(state.response, command.t_s, roll, pitch))
@@ -85,15 +96,21 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
         measured = state.loop.source is Source.MEASURED
-        loop = state.loop if measured else declared_loop(stack_of(state.heartbeat), state.parameters)
+        loop = (
+            state.loop if measured else declared_loop(stack_of(state.heartbeat), state.parameters)
+        )
     elif state.loop.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
         state = replace(state, swing=replace(state.swing, level=0))
-    if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
+    if (
+        loop.source is state.loop.source
+        and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s
+    ):
         loop = state.loop
     softer = _SOFTER ** min(state.swing.level, swing_detector.SWING_LEVELS)
     tuned = tune(loop, state.timing, softer)
-    soft, before = min(tuned.share, tuned.climb_share), state.tuned
+    soft = min(tuned.share, tuned.climb_share)
+    before = state.tuned
     if (
         state.swing.level == 0
         and soft < _SLOW_SHARE

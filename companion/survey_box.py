@@ -38,12 +38,18 @@ def read_box(text: str) -> SurveyBox:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 4) or not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"--survey {text}: give HEIGHT_MIN:HEIGHT_MAX or HEIGHT_MIN:HEIGHT_MAX:WALL_MIN:WALL_MAX [m]")
+        raise ConfigError(
+            f"--survey {text}: give HEIGHT_MIN:HEIGHT_MAX or HEIGHT_MIN:HEIGHT_MAX:WALL_MIN:WALL_MAX [m]"
+        )
     for name, low, high in zip(("HEIGHT", "WALL"), numbers[::2], numbers[1::2], strict=False):
         if low < NEAR_M:
-            raise ConfigError(f"--survey {text}: {name}_MIN {low:g} m is too close; {NEAR_M:g} m at least")
+            raise ConfigError(
+                f"--survey {text}: {name}_MIN {low:g} m is too close; {NEAR_M:g} m at least"
+            )
         if high - low < 0.1:
-            raise ConfigError(f"--survey {text}: {name}_MAX must be 0.1 m above {name}_MIN at least")
+            raise ConfigError(
+                f"--survey {text}: {name}_MAX must be 0.1 m above {name}_MIN at least"
+            )
         if high - low > TRAVEL_M:
             raise ConfigError(f"--survey {text}: {name} spans more than {TRAVEL_M:g} m")
     return SurveyBox(*numbers)

@@ -55,7 +55,8 @@ def run_command(program: str, extra: str, run: Callable[[], int]) -> int:
     try:
         return run()
     except UserError as error:
-        text, code = str(error), error.exit_code
+        text = str(error)
+        code = error.exit_code
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] in ("companion", "models", "replay"):
             raise

@@ -35,30 +35,45 @@ def _run(args: argparse.Namespace) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog="models", description="Surrogates of a fan near ground and wall: train, compare, query, compute data."
+        prog="models",
+        description="Surrogates of a fan near ground and wall: train, compare, query, compute data.",
     )
-    parser.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
+    parser.add_argument(
+        "--version", action=VersionAction, nargs=0, help="print the version and exit"
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     every = Parser(add_help=False)
-    every.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
+    every.add_argument(
+        "--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout"
+    )
     every.add_argument("--quiet", action="store_true", help="no progress bar, no text")
     data = Parser(add_help=False, parents=[every])
     data.add_argument(
-        "--data", required=True, metavar="CSV", help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)"
+        "--data",
+        required=True,
+        metavar="CSV",
+        help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)",
     )
     data.add_argument(
         "--sigma", type=Path, metavar="CSV",
         help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
     )  # fmt: skip
-    data.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
+    data.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)"
+    )
 
     train = commands.add_parser(
         "train", parents=[data], help="train a surrogate on a data set and write a model directory"
     )
     train.add_argument(
-        "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
+        "--method",
+        required=True,
+        choices=METHODS,
+        help="'ensemble' is what flies: see docs/surrogates.md",
     )
-    train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
+    train.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="model directory to write"
+    )
     train.add_argument(
         "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
         help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
@@ -67,21 +82,37 @@ def _parser() -> argparse.ArgumentParser:
         "--places", choices=("even", "odd"),
         help="train on every second place only: a test may then use the others (sim:corner_cfd flies in the even ones)",
     )  # fmt: skip
-    train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
+    train.add_argument(
+        "--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity"
+    )
     train.set_defaults(run=_train)
 
-    compare = commands.add_parser("compare", parents=[data], help="train all methods and compare them")
+    compare = commands.add_parser(
+        "compare", parents=[data], help="train all methods and compare them"
+    )
     compare.add_argument("--report", type=Path, metavar="DIR", help="write the report here")
     compare.set_defaults(run=_compare)
 
-    query = commands.add_parser("query", parents=[every], help="ask a model for the wrench at one point")
+    query = commands.add_parser(
+        "query", parents=[every], help="ask a model for the wrench at one point"
+    )
     query.add_argument(
-        "directory", nargs="?", type=Path, metavar="DIR", help="model directory (default: the shipped one)"
+        "directory",
+        nargs="?",
+        type=Path,
+        metavar="DIR",
+        help="model directory (default: the shipped one)",
     )
     query.add_argument("--model", type=Path, metavar="DIR", help="the same as DIR")
-    query.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="with --model none: whose rotors")
-    query.add_argument("--h", required=True, type=float, metavar="H", help="height [m], 'inf' without ground")
-    query.add_argument("--d", required=True, type=float, metavar="D", help="lip to wall [m], 'inf' without wall")
+    query.add_argument(
+        "--vehicle", type=Path, metavar="FILE.toml", help="with --model none: whose rotors"
+    )
+    query.add_argument(
+        "--h", required=True, type=float, metavar="H", help="height [m], 'inf' without ground"
+    )
+    query.add_argument(
+        "--d", required=True, type=float, metavar="D", help="lip to wall [m], 'inf' without wall"
+    )
     query.add_argument("--rpm", required=True, type=float, metavar="N", help="rotor speed [1/min]")
     query.set_defaults(run=_query)
 
@@ -102,7 +133,9 @@ def _train(args: argparse.Namespace) -> Mapping[str, Any]:
     if args.label:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
-    trained = train(data, args.method, args.seed, fidelity=fidelity, fan_radii_m=_fan_radii(args), progress=bars)
+    trained = train(
+        data, args.method, args.seed, fidelity=fidelity, fan_radii_m=_fan_radii(args), progress=bars
+    )
     bars.close()
     store.save_model(args.out, trained.model)
     report = {**trained.report, "out": str(args.out)}
@@ -110,8 +143,12 @@ def _train(args: argparse.Namespace) -> Mapping[str, Any]:
         return report
     for note in report["notes"]:
         print(f"note: {note}")
-    print(f"{args.method} on {report['rows']} rows of {data.source}, {report['seconds']:.1f} s, written to {args.out}")
-    print(f"{'':4}{'R2 train':>10}{'R2 test':>10}{'MSE test':>12}{'R2 of increments':>18}{'within 1.96 sigma':>20}")
+    print(
+        f"{args.method} on {report['rows']} rows of {data.source}, {report['seconds']:.1f} s, written to {args.out}"
+    )
+    print(
+        f"{'':4}{'R2 train':>10}{'R2 test':>10}{'MSE test':>12}{'R2 of increments':>18}{'within 1.96 sigma':>20}"
+    )
     for axis, row in report["test"].items():
         print(
             f"{axis:4}{_r2(report['train'][axis]):>10}{_r2(row):>10}{row['mse']:12.3e}"
@@ -148,7 +185,9 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
 
 def _query(args: argparse.Namespace) -> Mapping[str, Any]:
     if args.directory is not None and args.model is not None and args.directory != args.model:
-        raise ConfigError(f"models query: DIR {args.directory} and --model {args.model} differ; give one")
+        raise ConfigError(
+            f"models query: DIR {args.directory} and --model {args.model} differ; give one"
+        )
     for name in ("h", "d", "rpm"):
         value = getattr(args, name)
         if math.isnan(value) or value < 0.0 or (name == "rpm" and math.isinf(value)):
@@ -162,7 +201,9 @@ def _query(args: argparse.Namespace) -> Mapping[str, Any]:
         from models.vehicle import load_vehicle
 
         if args.vehicle is None:
-            raise ConfigError("--model none: needs --vehicle FILE.toml, whose rotors in free air it is")
+            raise ConfigError(
+                "--model none: needs --vehicle FILE.toml, whose rotors in free air it is"
+            )
         model = empty_model(load_vehicle(args.vehicle))
     else:
         model = load(directory)
@@ -194,7 +235,9 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
         from models.corner_law import FIDELITY, ClosedForm
 
         if sigma is not None:
-            raise ConfigError(f"--sigma {sigma}: the closed form has none; give it with the CSV that it belongs to")
+            raise ConfigError(
+                f"--sigma {sigma}: the closed form has none; give it with the CSV that it belongs to"
+            )
         return ClosedForm().data_set(), dict(FIDELITY)
     from models.dataset import read, with_sigma
 
@@ -208,5 +251,7 @@ def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
         return PAPER_RADII_M if args.data == CLOSED_FORM else None
     radius, lip = args.fan
     if not 0.0 < radius <= lip < 100.0:
-        raise ConfigError(f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller")
+        raise ConfigError(
+            f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller"
+        )
     return radius, lip

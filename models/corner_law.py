@@ -71,7 +71,11 @@ class ClosedForm:
     def torque(self, rpm: ArrayLike) -> Array:
         """Sum of both rotors' torque magnitudes Q0 [N m], from ideal duct power over the figure of merit."""
         area = math.pi * self.radius_m**2
-        power = self.hover_lift_n**1.5 / math.sqrt(4.0 * self.density_kg_m3 * area) / self.figure_of_merit
+        power = (
+            self.hover_lift_n**1.5
+            / math.sqrt(4.0 * self.density_kg_m3 * area)
+            / self.figure_of_merit
+        )
         hover = power / (self.hover_rpm * 2.0 * math.pi / 60.0)
         return np.asarray(self.lift(rpm) * (hover / self.hover_lift_n))
 
@@ -79,7 +83,8 @@ class ClosedForm:
         """Total wrench (..., 6) in N and N m, corner frame, at h, d [m] (``inf`` allowed) and rpm."""
         eta = np.clip(np.asarray(h, dtype=float) / self.radius_m, 0.3, 50.0)
         delta = np.clip(np.asarray(d, dtype=float) / self.radius_m, 0.05, 50.0)
-        ground, wall = fade(eta, *self.ground_fade), fade(delta, *self.wall_fade)
+        ground = fade(eta, *self.ground_fade)
+        wall = fade(delta, *self.wall_fade)
         rotor = (1 - self.duct_share) * self.rotor_gain * np.exp(-eta / self.rotor_length)
         duct = self.duct_share * self.duct_loss * np.exp(-eta / self.duct_length)
         offset = np.log(eta / (self.ridge_height + self.ridge_slope * delta)) / self.ridge_width
@@ -88,12 +93,16 @@ class ClosedForm:
         near_wall = np.exp(-delta / self.wall_length) * wall
         tilt = 0.5 * self.duct_share * self.lip_asymmetry * np.exp(-delta / self.lip_length) * wall
         lift = (
-            (rotor - duct) * ground + self.wall_lift * near_wall - self.ridge_lift * ridge + self.cushion_lift * cushion
+            (rotor - duct) * ground
+            + self.wall_lift * near_wall
+            - self.ridge_lift * ridge
+            + self.cushion_lift * cushion
         )
         pull = self.wall_pull * near_wall - self.ridge_pull * ridge - self.cushion_pull * cushion
         moment = tilt * (1 + self.ridge_tilt * ridge) - self.cushion_tilt * cushion
         yaw = self.ground_torque * np.exp(-eta / 0.8) * ground + self.ridge_torque * ridge
-        t0, q0 = self.lift(rpm), self.torque(rpm)
+        t0 = self.lift(rpm)
+        q0 = self.torque(rpm)
         arm = t0 * self.radius_m
         parts = (
             t0 * pull,
@@ -113,7 +122,14 @@ class ClosedForm:
         hh, dd, nn = (a.ravel() for a in np.meshgrid(h, d, rpm, indexing="ij"))
         wrench = self.wrench(hh, dd, nn)
         table = np.column_stack([hh, dd, nn, wrench]).round(9)
-        return DataSet(hh, dd, nn, wrench, source="closed form", sha256=hashlib.sha256(table.tobytes()).hexdigest())
+        return DataSet(
+            hh,
+            dd,
+            nn,
+            wrench,
+            source="closed form",
+            sha256=hashlib.sha256(table.tobytes()).hexdigest(),
+        )
 
 
 def fade(x: Array, start: float, end: float) -> Array:

@@ -54,7 +54,12 @@ class DataSet:
         """The rows ``index`` (integers or mask)."""
         sigma = None if self.sigma is None else self.sigma[index]
         return replace(
-            self, h=self.h[index], d=self.d[index], rpm=self.rpm[index], wrench=self.wrench[index], sigma=sigma
+            self,
+            h=self.h[index],
+            d=self.d[index],
+            rpm=self.rpm[index],
+            wrench=self.wrench[index],
+            sigma=sigma,
         )
 
     @property
@@ -66,7 +71,8 @@ class DataSet:
     def locations(self) -> NDArray[np.intp]:
         """One number per distinct (h, d), shape (n,): rows at several rotor speeds share it."""
         order = np.lexsort((self.d, self.h))
-        h, d = self.h[order], self.d[order]
+        h = self.h[order]
+        d = self.d[order]
         out = np.empty(len(self), dtype=np.intp)
         out[order] = np.concatenate([[0], np.cumsum((h[1:] != h[:-1]) | (d[1:] != d[:-1]))])
         return out
@@ -91,7 +97,9 @@ def read(path: Path | str) -> DataSet:
     number, values = _merge_duplicates(path, number, values, notes)
     values = _drop_rest(path, number, values, notes)
     if len(values) < MIN_ROWS:
-        raise ModelError(f"data set {path}: has {len(values)} usable rows; at least {MIN_ROWS} are needed")
+        raise ModelError(
+            f"data set {path}: has {len(values)} usable rows; at least {MIN_ROWS} are needed"
+        )
     h, d, rpm = values[:, :3].T
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     return DataSet(h, d, rpm, values[:, 3:], path.name, sha256, tuple(notes))
@@ -112,15 +120,21 @@ def with_sigma(data: DataSet, path: Path | str) -> DataSet:
         except KeyError as error:
             raise ModelError(f"sigma table {path}: lacks the column {error}") from None
         except (TypeError, ValueError):
-            raise ModelError(f"sigma table {path}: line {number + 2} has a field that is no number") from None
+            raise ModelError(
+                f"sigma table {path}: line {number + 2} has a field that is no number"
+            ) from None
         if not (np.isfinite(values[number, 3:]).all() and (values[number, 3:] >= 0.0).all()):
-            raise ModelError(f"sigma table {path}: line {number + 2}: sigma must be finite and not negative")
+            raise ModelError(
+                f"sigma table {path}: line {number + 2}: sigma must be finite and not negative"
+            )
     sigma = np.empty_like(data.wrench)
     for i, here in enumerate(np.column_stack([data.h, data.d, data.rpm])):
         found = np.flatnonzero(np.isclose(values[:, :3], here, rtol=ROUNDING, atol=0.0).all(axis=1))
         if not len(found):
             h, d, rpm = here
-            raise ModelError(f"sigma table {path}: has no line for h_m {h:g}, d_m {d:g}, rpm {rpm:g} of the set")
+            raise ModelError(
+                f"sigma table {path}: has no line for h_m {h:g}, d_m {d:g}, rpm {rpm:g} of the set"
+            )
         sigma[i] = values[found[0], 3:]
     return replace(data, sigma=sigma)
 
@@ -166,13 +180,17 @@ def _numbers(path: Path, number: int, line: str) -> list[float]:
     """The fields of a line."""
     fields = line.split(",")
     if len(fields) != len(COLUMNS):
-        raise ModelError(f"data set {path}: line {number} has {len(fields)} fields, not {len(COLUMNS)}")
+        raise ModelError(
+            f"data set {path}: line {number} has {len(fields)} fields, not {len(COLUMNS)}"
+        )
     out = []
     for name, field in zip(COLUMNS, fields, strict=True):
         try:
             out.append(float(field))
         except ValueError:
-            raise ModelError(f"data set {path}: line {number}, column {name}: '{field}' is not a number") from None
+            raise ModelError(
+                f"data set {path}: line {number}, column {name}: '{field}' is not a number"
+            ) from None
     return out
 
 
@@ -194,7 +212,9 @@ def _merge_duplicates(
 ) -> tuple[NDArray[np.intp], Array]:
     _, first, point = np.unique(values[:, :3], axis=0, return_index=True, return_inverse=True)
     twin = first[point.ravel()]
-    tolerance = DUPLICATE_TOLERANCE * np.maximum(np.abs(values[:, 3:]).max(axis=0, initial=0.0), 1e-12)
+    tolerance = DUPLICATE_TOLERANCE * np.maximum(
+        np.abs(values[:, 3:]).max(axis=0, initial=0.0), 1e-12
+    )
     differ = np.argwhere(np.abs(values[:, 3:] - values[twin, 3:]) > tolerance)
     if len(differ):
         row, k = differ[0]
@@ -219,6 +239,8 @@ def _drop_rest(path: Path, number: NDArray[np.intp], values: Array, notes: list[
             "remove the sensor's offset"
         )
     if rest.any():
-        notes.append(f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench by definition")
+        notes.append(
+            f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench by definition"
+        )
     kept: Array = values[~rest]
     return kept

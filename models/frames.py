@@ -29,9 +29,13 @@ def corner_to_body(wrench: ArrayLike, wall_bearing_rad: ArrayLike) -> Array:
     Returns shape (..., 6), body FRD.
     """
     w = np.asarray(wrench, dtype=float)
-    c, s = np.cos(wall_bearing_rad), np.sin(wall_bearing_rad)
-    x, y, z = w[..., 0::3], w[..., 1::3], w[..., 2::3]
-    c, s = np.asarray(c)[..., None], np.asarray(s)[..., None]
+    c = np.cos(wall_bearing_rad)
+    s = np.sin(wall_bearing_rad)
+    x = w[..., 0::3]
+    y = w[..., 1::3]
+    z = w[..., 2::3]
+    c = np.asarray(c)[..., None]
+    s = np.asarray(s)[..., None]
     out = np.empty(np.broadcast_shapes(w.shape, (*c.shape[:-1], 6)))
     out[..., 0::3] = c * x + s * y
     out[..., 1::3] = s * x - c * y
@@ -43,7 +47,9 @@ def at_cg(wrench: ArrayLike, position_m: ArrayLike) -> Array:
     """Move a body wrench (..., 6) that acts at ``position_m`` (..., 3) from the CG to the CG: M += r x F."""
     w = np.array(wrench, dtype=float)
     x, y, z = (np.asarray(position_m, dtype=float)[..., i] for i in range(3))
-    fx, fy, fz = w[..., 0], w[..., 1], w[..., 2]
+    fx = w[..., 0]
+    fy = w[..., 1]
+    fz = w[..., 2]
     # Written out: numpy's cross costs ten times as much on three numbers.
     w[..., 3] += y * fz - z * fy
     w[..., 4] += z * fx - x * fz
@@ -66,7 +72,9 @@ def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[AnyRow, AnyRow, AnyRo
     )
 
 
-def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+def quaternion_from_euler(
+    roll: float, pitch: float, yaw: float
+) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), FRD to NED, of the aerospace 3-2-1 angles in rad."""
     half = (roll / 2, pitch / 2, yaw / 2)
     return quaternion_of_halves([math.cos(a) for a in half], [math.sin(a) for a in half])
@@ -84,14 +92,21 @@ def quaternion_of_halves(cosines: Iterable[Any], sines: Iterable[Any]) -> tuple[
 
 
 def measured_wrench(
-    specific_force: ArrayLike, rates: ArrayLike, rate_derivatives: ArrayLike, mass_kg: float, inertia_kgm2: ArrayLike
+    specific_force: ArrayLike,
+    rates: ArrayLike,
+    rate_derivatives: ArrayLike,
+    mass_kg: float,
+    inertia_kgm2: ArrayLike,
 ) -> Array:
     """The wrench of the air on the body, from the IMU, about the CG.
 
     Force = m f with f the specific force at the CG (gravity never enters); moment = I w' + w x (I w).
     All inputs shape (..., 3), body FRD, m/s^2, rad/s, rad/s^2; returns shape (..., 6).
     """
-    f, w, wd = (np.moveaxis(np.asarray(a, dtype=float), -1, 0) for a in (specific_force, rates, rate_derivatives))
+    f, w, wd = (
+        np.moveaxis(np.asarray(a, dtype=float), -1, 0)
+        for a in (specific_force, rates, rate_derivatives)
+    )
     ix, iy, iz = np.asarray(inertia_kgm2, dtype=float).tolist()
     (fx, fy, fz), (p, q, r), (pd, qd, rd) = f, w, wd
     return np.stack(wrench_of_motion(fx, fy, fz, p, q, r, pd, qd, rd, mass_kg, ix, iy, iz), axis=-1)

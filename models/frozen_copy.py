@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dataclasses import replace
 else:
-    _new, _set = object.__new__, object.__setattr__
+    _new = object.__new__
+    _set = object.__setattr__
 
     def replace(record: Any, /, **changes: Any) -> Any:
         """The same record with these fields changed; the record itself stays as it was."""
         new = _new(record.__class__)
-        kept, fields = record.__dict__, record.__dataclass_fields__
+        kept = record.__dict__
+        fields = record.__dataclass_fields__
         if len(kept) > len(fields):  # a cached property of the old values
             kept = {name: kept[name] for name in fields}
         # One union and one assignment: five times as fast as filling the new record's own dictionary.

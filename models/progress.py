@@ -21,11 +21,15 @@ class Bars:
             from tqdm import tqdm
 
             self.close()
-            self._name, self._bar = name, tqdm(total=total, desc=name, leave=False, file=sys.stderr, disable=self._off)
+            self._name, self._bar = (
+                name,
+                tqdm(total=total, desc=name, leave=False, file=sys.stderr, disable=self._off),
+            )
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:
         """Remove the bar that is shown."""
         if self._bar is not None:
             self._bar.close()
-            self._name, self._bar = "", None
+            self._name = ""
+            self._bar = None

@@ -83,7 +83,9 @@ def prior_factor(surface: SurfaceMap, sd: float, of_wall: bool) -> Array:
     return out[:, ::-1]
 
 
-def _between(value: float, knots: Sequence[float], logs: Sequence[float]) -> tuple[tuple[int, float], ...]:
+def _between(
+    value: float, knots: Sequence[float], logs: Sequence[float]
+) -> tuple[tuple[int, float], ...]:
     if value <= knots[0]:
         return ((0, 1.0),)
     if value >= knots[-1]:
@@ -112,7 +114,9 @@ COMPONENTS = {
     "tilt": np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
 }
 """Components of a fan's wrench in the corner frame that belong to each part."""
-MEASURED = SurfaceMap((0.8, 1.0, 1.25, 1.6, 2.0, 2.6, 3.4, 4.5), (0.2, 0.4, 0.65, 1.0, 1.6, 2.4, 4.0))
+MEASURED = SurfaceMap(
+    (0.8, 1.0, 1.25, 1.6, 2.0, 2.6, 3.4, 4.5), (0.2, 0.4, 0.65, 1.0, 1.6, 2.4, 4.0)
+)
 """The map that diagnosis fits to flights and that amends a model."""
 CELLS = [
     (part, k)
@@ -152,11 +156,15 @@ class LawCorrection:
         seen = np.array([parameters.get(cell_name("seen", k), 0.0) for k in range(MEASURED.size)])
         return cls(radius_m, gains, cells, seen)
 
-    def amended(self, h: Array, d: Array, wrench: Array, free: Array, trust: Array) -> tuple[Array, Array]:
+    def amended(
+        self, h: Array, d: Array, wrench: Array, free: Array, trust: Array
+    ) -> tuple[Array, Array]:
         """Wrench (n, 6) in the corner frame and trust (n,) of a model at h, d (n,), corrected; ``free`` (n, 6)."""
         weights = MEASURED.weights(h / self.radius_m, d / self.radius_m)
         lift, pull, tilt = (weights @ self.cells.T).T
         zero = np.zeros_like(lift)
-        more = np.stack([pull, zero, lift, zero, self.radius_m * tilt, zero], axis=-1) * free[:, 2:3]
+        more = (
+            np.stack([pull, zero, lift, zero, self.radius_m * tilt, zero], axis=-1) * free[:, 2:3]
+        )
         gain = sum(g * COMPONENTS[part] for g, part in zip(self.gains, PARTS, strict=True))
         return wrench + gain * (wrench - free) + more, np.maximum(trust, weights @ self.seen)

@@ -49,8 +49,13 @@ class Options:
 class Table:
     """``values`` of the file ``what`` below the keys ``prefix``; ``known``: its keys, to tell misspelt ones."""
 
-    def __init__(self, values: Mapping[str, Any], what: str, prefix: str = "", known: Collection[str] = ()) -> None:
-        self._values, self._what, self._prefix, self._known = values, what, prefix, known
+    def __init__(
+        self, values: Mapping[str, Any], what: str, prefix: str = "", known: Collection[str] = ()
+    ) -> None:
+        self._values = values
+        self._what = what
+        self._prefix = prefix
+        self._known = known
 
     @classmethod
     def of(cls, text: str, what: str, known: Collection[str] = ()) -> Table:
@@ -70,7 +75,8 @@ class Table:
         A record that has ``problem()`` says by it, as key and words, what is wrong with its values together.
         """
         keys = {f.name: (names or {}).get(f.name, f.name) for f in fields(kind)}  # type: ignore[arg-type]
-        hints, required = get_type_hints(kind, include_extras=True), getattr(kind, "REQUIRED", ())
+        hints = get_type_hints(kind, include_extras=True)
+        required = getattr(kind, "REQUIRED", ())
         taken: dict[str, Any] = {}
         for f in fields(kind):  # type: ignore[arg-type]
             key = keys[f.name]
@@ -88,16 +94,21 @@ class Table:
     def _missing(self, key: str) -> ConfigError:
         # A key spelt otherwise is the usual reason: name it too.
         meant = get_close_matches(key, [k for k in self._values if k not in self._known], 1, 0.5)
-        return self.fail(key, f"is missing; '{self._prefix}{meant[0]}' is not known" if meant else "is missing")
+        return self.fail(
+            key, f"is missing; '{self._prefix}{meant[0]}' is not known" if meant else "is missing"
+        )
 
     def _refuse_others(self, keys: Collection[str]) -> None:
         for key in self._values:
             if key not in keys:
                 meant = get_close_matches(key, sorted({*keys, *self._known}), 1, 0.6)
-                raise self.fail(key, f"is not known; did you mean '{meant[0]}'?" if meant else "is not known")
+                raise self.fail(
+                    key, f"is not known; did you mean '{meant[0]}'?" if meant else "is not known"
+                )
 
     def _taken(self, key: str, value: Any, hint: Any, bound: Any) -> Any:
-        origin, args = get_origin(hint), get_args(hint)
+        origin = get_origin(hint)
+        args = get_args(hint)
         if origin is Annotated:
             return self._taken(key, value, args[0], args[1])
         if origin is UnionType:
@@ -111,13 +122,17 @@ class Table:
         if origin is not tuple:
             return self._number(key, value, bound, whole=hint is int)
         tables = is_dataclass(args[0])
-        if tables and not (isinstance(value, list) and value and all(isinstance(v, dict) for v in value)):
+        if tables and not (
+            isinstance(value, list) and value and all(isinstance(v, dict) for v in value)
+        ):
             raise self.fail(key, "must be one or more tables")
         count = None if args[-1] is Ellipsis else len(args)
         if not isinstance(value, list) or count not in (None, len(value)):
             words = "a list" if count is None else f"{'two' if count == 2 else 'three'} numbers"
             raise self.fail(key, f"must be {words}, not {value!r}")
-        return tuple(self._taken(f"{key}[{i}]", v, args[0], bound) for i, v in enumerate(value, int(tables)))
+        return tuple(
+            self._taken(f"{key}[{i}]", v, args[0], bound) for i, v in enumerate(value, int(tables))
+        )
 
     def _text(self, key: str, value: Any, bound: Any) -> Any:
         meaning = bound.meaning if isinstance(bound, Options) else None
@@ -129,7 +144,9 @@ class Table:
     def _number(self, key: str, value: Any, bound: Bounds, *, whole: bool = False) -> int | float:
         usual = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
         if not usual or math.isnan(value) or (bound.finite and math.isinf(value)):
-            raise self.fail(key, f"must be a {'whole' if whole else 'finite'} number, not {value!r}")
+            raise self.fail(
+                key, f"must be a {'whole' if whole else 'finite'} number, not {value!r}"
+            )
         if whole and bound.low == -math.inf:
             bound = Bounds(1.0)
         if not bound.low <= value <= bound.high or (bound.above and value == bound.low):

@@ -8,9 +8,29 @@ from pathlib import Path
 from models.text_file import read_text
 from models.toml_table import Table
 from models.vehicle_plausibility import findings
-from models.vehicle_types import RHO_SEA_LEVEL, Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vector3, Vehicle
+from models.vehicle_types import (
+    RHO_SEA_LEVEL,
+    Fan,
+    Limits,
+    Rangefinder,
+    Rotor,
+    Throttle,
+    Vane,
+    Vector3,
+    Vehicle,
+)
 
-__all__ = ["RHO_SEA_LEVEL", "Fan", "Limits", "Rangefinder", "Rotor", "Throttle", "Vane", "Vector3", "Vehicle"]
+__all__ = [
+    "RHO_SEA_LEVEL",
+    "Fan",
+    "Limits",
+    "Rangefinder",
+    "Rotor",
+    "Throttle",
+    "Vane",
+    "Vector3",
+    "Vehicle",
+]
 __all__ += ["load_vehicle", "parse_vehicle"]
 
 
@@ -35,6 +55,10 @@ def parse_vehicle(text: str, file: str) -> Vehicle:
 
 _NAMES = {"fans": "fan", "vanes": "vane", "rangefinders": "rangefinder"}
 """Tables of a file, each of which stands for one."""
-_KEYS = {f.name for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits, Vehicle) for f in fields(kind)}
+_KEYS = {
+    f.name
+    for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits, Vehicle)
+    for f in fields(kind)
+}
 _KEYS = _KEYS - {*_NAMES} | {*_NAMES.values()}
 """Every key of a vehicle file."""

@@ -64,7 +64,17 @@ Check = tuple[bool, Finding]
 
 def findings(vehicle: Vehicle) -> Iterator[Finding]:
     """Everything that is odd about ``vehicle``."""
-    for checks in (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews):
+    for checks in (
+        _assumed,
+        _masses,
+        _places,
+        _spins,
+        _rotor_speed,
+        _throttle,
+        _ranges,
+        _vertical,
+        _slews,
+    ):
         yield from (finding for odd, finding in checks(vehicle) if odd)
 
 
@@ -94,7 +104,8 @@ def _masses(vehicle: Vehicle) -> Iterator[Check]:
         f"N per m^2 of disc, and rotors carry {low:g} to {high:g}: check mass_kg and rotor_radius_m"
     )
     yield not low <= loading <= high, _error("mass_kg", text)
-    gyration, reach = math.sqrt(max(vehicle.inertia_kgm2) / vehicle.mass_kg), _reach(vehicle)
+    gyration = math.sqrt(max(vehicle.inertia_kgm2) / vehicle.mass_kg)
+    reach = _reach(vehicle)
     text = (
         f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit {gyration:.2f} m from the CG, "
         f"and the vehicle reaches {reach:.2f} m"
@@ -115,8 +126,13 @@ def _places(vehicle: Vehicle) -> Iterator[Check]:
             f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of {a.lip_radius_m:g} and "
             f"{b.lip_radius_m:g} m: is a diameter given for a radius?"
         )
-        yield apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m), _error(f"fan[{j}].lip_radius_m", text)
-    off = math.hypot(*(sum(fan.position_m[k] for fan in vehicle.fans) / len(vehicle.fans) for k in (0, 1)))
+        yield (
+            apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m),
+            _error(f"fan[{j}].lip_radius_m", text),
+        )
+    off = math.hypot(
+        *(sum(fan.position_m[k] for fan in vehicle.fans) / len(vehicle.fans) for k in (0, 1))
+    )
     text = f"the fans' centre is {off:.2f} m from the CG: positions are from the CG, body FRD"
     yield off > _OFF_CENTRE * _reach(vehicle), Finding("fan.position_m", text)
 
@@ -127,7 +143,9 @@ def _spins(vehicle: Vehicle) -> Iterator[Check]:
         return
     # A tricopter balances it with a servo at the tail, which the file cannot say.
     alike = Finding(
-        "fan.rotors.spin", "all rotors turn the same way: nothing balances their torque", refused=len(spins) != 3
+        "fan.rotors.spin",
+        "all rotors turn the same way: nothing balances their torque",
+        refused=len(spins) != 3,
     )
     yield abs(sum(spins)) == len(spins), alike
     text = f"{spins.count(1)} rotors turn cw and {spins.count(-1)} ccw"
@@ -155,7 +173,8 @@ def _throttle(vehicle: Vehicle) -> Iterator[Check]:
     ratio = throttle.max_thrust_n * len(vehicle.rotors) / (vehicle.mass_kg * GRAVITY)
     text = f"all rotors at full throttle lift {ratio:.2g} of the weight"
     yield ratio < hard, Finding("throttle.max_thrust_n", text, refused=ratio < impossible)
-    e, u = throttle.expo, vehicle.hover_thrust
+    e = throttle.expo
+    u = vehicle.hover_thrust
     lift = ratio * ((1.0 - e) * u + e * u * u)
     text = f"{u:g} lifts {lift:.2g} of the weight by [throttle]"
     yield ratio >= impossible and abs(lift - 1.0) > _HOVER_LIFT_OFF, Finding("hover_thrust", text)
@@ -165,8 +184,13 @@ def _ranges(vehicle: Vehicle) -> Iterator[Check]:
     text = "none is declared: nothing is known of ground and wall, no offset will be given"
     yield not vehicle.rangefinders, Finding("rangefinder", text)
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        looks, usual = _DIRECTIONS.get(sensor.orientation), dict(_SEEN.values()).get(sensor.target)
-        odd = looks is not None and usual is not None and target_of(sensor.orientation) != sensor.target
+        looks = _DIRECTIONS.get(sensor.orientation)
+        usual = dict(_SEEN.values()).get(sensor.target)
+        odd = (
+            looks is not None
+            and usual is not None
+            and target_of(sensor.orientation) != sensor.target
+        )
         text = f"{sensor.orientation} looks {looks}, and the target is {usual}"
         yield odd, _error(f"rangefinder[{i}].orientation", text)
     blind = bool(vehicle.rangefinders) and not vehicle.rangefinders_for("ground")

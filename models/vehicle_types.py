@@ -34,7 +34,11 @@ class Rotor:
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
-        return ("esc", "or 'servo' is needed, one of the two") if (self.esc is None) == (self.servo is None) else None
+        return (
+            ("esc", "or 'servo' is needed, one of the two")
+            if (self.esc is None) == (self.servo is None)
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,11 @@ class Vane:
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
-        return ("axis", "must be a direction of length 1") if abs(math.hypot(*self.axis) - 1.0) > 1e-3 else None
+        return (
+            ("axis", "must be a direction of length 1")
+            if abs(math.hypot(*self.axis) - 1.0) > 1e-3
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -87,7 +95,11 @@ class Throttle:
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
-        return ("pwm_max_us", "must be above pwm_min_us") if self.pwm_max_us <= self.pwm_min_us else None
+        return (
+            ("pwm_max_us", "must be above pwm_min_us")
+            if self.pwm_max_us <= self.pwm_min_us
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -110,7 +122,11 @@ class Rangefinder:
             return ("orientation", "is missing") if self.orientation == NO_ORIENTATION else None
         if self.orientation != NO_ORIENTATION:
             return "orientation", "and 'ring' are both given: a ring looks all around"
-        return ("target", "of a ring must be 'wall' or 'none'") if self.target not in ("wall", "none") else None
+        return (
+            ("target", "of a ring must be 'wall' or 'none'")
+            if self.target not in ("wall", "none")
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -148,16 +164,30 @@ class Vehicle:
     assumed: tuple[Annotated[str, Options({key: key for key in ASSUMABLE})], ...] = ()
     """Keys whose numbers are typical of such vehicles, not of this one. Without ``position_m`` no moment is judged."""
 
+    @property
+    def mass_assumed(self) -> bool:
+        """Whether the mass is a typical one: forces are then known as shares of the weight only."""
+        return "mass_kg" in self.assumed
+
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
         if 2.0 * max(self.inertia_kgm2) > sum(self.inertia_kgm2) * (1.0 + 1e-9):
-            return "inertia_kgm2", "is impossible: no body has one moment of inertia above the sum of the others"
+            return (
+                "inertia_kgm2",
+                "is impossible: no body has one moment of inertia above the sum of the others",
+            )
         for i, vane in enumerate(self.vanes, 1):
             if vane.fan > len(self.fans):
-                return f"vane[{i}].fan", f"must be a whole number from 1 to {len(self.fans)}, not {vane.fan}"
+                return (
+                    f"vane[{i}].fan",
+                    f"must be a whole number from 1 to {len(self.fans)}, not {vane.fan}",
+                )
         for i, fan in enumerate(self.fans, 1):
             if fan.lip_radius_m < self.rotor_radius_m - 1e-9:
-                return f"fan[{i}].lip_radius_m", "is smaller than rotor_radius_m; is that the diameter?"
+                return (
+                    f"fan[{i}].lip_radius_m",
+                    "is smaller than rotor_radius_m; is that the diameter?",
+                )
         return self._rotors_problem()
 
     def _rotors_problem(self) -> Problem | None:
@@ -180,7 +210,9 @@ class Vehicle:
     @cached_property
     def _hash(self) -> int:
         # Caches are keyed by the vehicle and asked at every message.
-        return hash((self.name, self.mass_kg, self.inertia_kgm2, self.fans, self.vanes, self.throttle))
+        return hash(
+            (self.name, self.mass_kg, self.inertia_kgm2, self.fans, self.vanes, self.throttle)
+        )
 
     @cached_property
     def rotors(self) -> tuple[Rotor, ...]:

@@ -35,7 +35,8 @@ def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
 
 def fan_rpm_now(vehicle: Vehicle, rotor_rpm: Sequence[float]) -> tuple[float, ...]:
     """``fan_rpm`` of one instant in plain floats."""
-    out, first = [], 0
+    out = []
+    first = 0
     for fan in vehicle.fans:
         count = len(fan.rotors)
         out.append(math.sqrt(sum([v * v for v in rotor_rpm[first : first + count]]) / count))
@@ -51,13 +52,17 @@ def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: Arr
     if fan.ct is not None:
         return fan.ct * _dynamic_force(vehicle, speed)
     if vehicle.telemetered:
-        raise ConfigError("vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it")
+        raise ConfigError(
+            "vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it"
+        )
     return vehicle.mass_kg * GRAVITY / len(vehicle.fans) * (speed / REFERENCE_RPM) ** 2
 
 
 def reference_thrust(vehicle: Vehicle, model: FanModel | None) -> Array:
     """Free-air thrust [N] (fans,) at ``REFERENCE_RPM``; without a model as the vehicle file declares it."""
-    return np.array([float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM)) for fan in vehicle.fans])
+    return np.array(
+        [float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM)) for fan in vehicle.fans]
+    )
 
 
 def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLike) -> Array:
@@ -68,13 +73,17 @@ def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLik
     """
     owner = np.asarray(vehicle.rotor_fan)
     whole = servo_thrust(vehicle, servo_us) * vehicle.rotor_counts[owner]
-    return np.asarray(REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference_thrust(vehicle, model)[owner]))
+    return np.asarray(
+        REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference_thrust(vehicle, model)[owner])
+    )
 
 
 def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
     """Thrust [N] per rotor (..., rotors) declared by ``[throttle]`` for servo outputs [us] (..., 16)."""
     if vehicle.throttle is None:
-        raise ConfigError("vehicle file: key 'throttle' is missing, and no rotor speed is telemetered")
+        raise ConfigError(
+            "vehicle file: key 'throttle' is missing, and no rotor speed is telemetered"
+        )
     curve = vehicle.throttle
     channels = [rotor.servo - 1 for rotor in vehicle.rotors if rotor.servo is not None]
     pwm = np.asarray(servo_us, dtype=float)[..., channels]
@@ -94,7 +103,9 @@ def modelled_wrench(vehicle: Vehicle, model: FanModel | None, state: AirState) -
         body = np.zeros((*speeds.shape, 6))
         body[..., 2] = -((speeds / REFERENCE_RPM) ** 2) * reference_thrust(vehicle, None)
     else:
-        body = corner_to_body(model.wrench(state.h_m, state.d_m, speeds), state.wall_bearing_rad[..., None])
+        body = corner_to_body(
+            model.wrench(state.h_m, state.d_m, speeds), state.wall_bearing_rad[..., None]
+        )
     total: Array = at_cg(body, vehicle.fan_positions_m).sum(axis=-2)
     total[..., 5] += fan_torques(vehicle, state.rpm).sum(axis=-1)
     return total + vane_wrench(vehicle, state.servo_us, -body[..., 2])
@@ -110,7 +121,8 @@ def disturbance_wrench(vehicle: Vehicle, model: FanModel, state: AirState) -> Ar
 
 def vane_wrench(vehicle: Vehicle, servo_us: ArrayLike, lift: ArrayLike) -> Array:
     """Wrench (..., 6) of the vanes about the CG, body FRD; servo outputs (..., 16) [us], fan lifts (..., fans) [N]."""
-    pwm, fan_lift = np.asarray(servo_us, dtype=float), np.asarray(lift, dtype=float)
+    pwm = np.asarray(servo_us, dtype=float)
+    fan_lift = np.asarray(lift, dtype=float)
     total = np.zeros((*fan_lift.shape[:-1], 6))
     for vane in vehicle.vanes:
         deflection = vane.rad_per_us * (pwm[..., vane.servo - 1] - vane.neutral_us)
@@ -131,7 +143,12 @@ def fan_torques(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     for k, (rotor, owner) in enumerate(zip(vehicle.rotors, vehicle.rotor_fan, strict=True)):
         fan = vehicle.fans[owner]
         if fan.cq is not None:
-            torque = fan.cq / len(fan.rotors) * _dynamic_force(vehicle, rpm[..., k]) * vehicle.rotor_radius_m
+            torque = (
+                fan.cq
+                / len(fan.rotors)
+                * _dynamic_force(vehicle, rpm[..., k])
+                * vehicle.rotor_radius_m
+            )
             moment[..., owner] -= rotor.spin * torque
     return moment
 

@@ -32,7 +32,11 @@ def add_parser(commands: Any) -> None:
         "--vehicle", type=vehicle_path, metavar="FILE.toml",
         help="vehicle file flown: its limits, and which sensors are needed (default: the default limits; any sensor)",
     )  # fmt: skip
-    p.add_argument("--dry-run", action="store_true", help="it was flown with --dry-run: no setpoint may be there")
+    p.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="it was flown with --dry-run: no setpoint may be there",
+    )
     p.add_argument(
         "--setpoint", choices=("hold", "upstream"),
         help="what was flown (default: upstream where another station's SET_ATTITUDE_TARGET is in the log)",
@@ -52,7 +56,9 @@ def run(a: argparse.Namespace) -> int:
     audits = [_audit(log, vehicle, a, quiet=quiet) for log in a.logs]
     kept = all(one.kept for one in audits)
     if a.json is not None:
-        answers = [{"log": str(log), **one.as_json()} for log, one in zip(a.logs, audits, strict=True)]
+        answers = [
+            {"log": str(log), **one.as_json()} for log, one in zip(a.logs, audits, strict=True)
+        ]
         write_json({"kept": kept, "logs": answers}, a.json)
     if not quiet:
         print(as_text(a.logs, audits))
@@ -74,17 +80,23 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
     from replay.logs.tlog import read_tlog
 
     if suffix_of(path) != ".tlog" and path.exists():
-        raise LogError(f"{path}: only a .tlog holds both directions of the link; record one with companion --record")
+        raise LogError(
+            f"{path}: only a .tlog holds both directions of the link; record one with companion --record"
+        )
     log = read_tlog(path)
     counts = log.counts()
     ours = {s for s in counts if s[1] == OWN_COMPONENT and a.target_system in (None, s[0])}
     if not ours:
-        raise LogError(f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit")
+        raise LogError(
+            f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit"
+        )
     others = {number for *_, number in counts.keys() - ours}
     hold = SET_ATTITUDE_TARGET not in others if a.setpoint is None else a.setpoint == "hold"
     auditor = Auditor(vehicle, hold=hold, dry_run=a.dry_run, system=a.target_system)
     bar = True if quiet else None  # None: only to a terminal
-    for arrival_us, raw in tqdm(log.frames(), path.name, len(log), unit="frame", leave=False, disable=bar):
+    for arrival_us, raw in tqdm(
+        log.frames(), path.name, len(log), unit="frame", leave=False, disable=bar
+    ):
         auditor.frame(arrival_us, cut(raw, 0))
     return auditor.audit
 
@@ -93,7 +105,9 @@ def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
     """A table for a person."""
     out = []
     for log, one in zip(logs, audits, strict=True):
-        out.append(f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints")
+        out.append(
+            f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints"
+        )
         for requirement, kept in one.requirements.items():
             state = f"{kept.broken:7} broken" if kept.broken else "     ok"
             seen = f"{kept.checked:8}" if kept.checked else "       -"

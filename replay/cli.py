@@ -44,9 +44,13 @@ def parser() -> argparse.ArgumentParser:
         "run", help="feed a log through the flight pipeline and report its decisions", epilog=EXIT_CODES,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
     )  # fmt: skip
-    run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")
+    run.add_argument(
+        "log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them"
+    )
     add_pipeline_options(run)
-    run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
+    run.add_argument(
+        "--report", type=Path, metavar="DIR", help="write one self-contained HTML page"
+    )
     add_answer_options(run, "the report as JSON")
     add_folder_options(run)
     run.set_defaults(run=_run)
@@ -69,7 +73,9 @@ def _checked(a: argparse.Namespace) -> int:
     try:
         return int(a.run(a))
     except MemoryError:
-        raise LogError("the log needs more memory than there is: cut it, or use a machine with more") from None
+        raise LogError(
+            "the log needs more memory than there is: cut it, or use a machine with more"
+        ) from None
 
 
 def _run(a: argparse.Namespace) -> int:
@@ -90,7 +96,10 @@ def _run(a: argparse.Namespace) -> int:
     report.notes[:0] = [*notes, *assumed]
     # Imported where a page is asked for: it needs the extra "replay", the answer does not.
     write_answer(
-        a, report.as_json(), [report.as_text()], lambda: import_module("replay.rerun.page").page(report, history)
+        a,
+        report.as_json(),
+        [report.as_text()],
+        lambda: import_module("replay.rerun.page").page(report, history),
     )
     return 0
 
@@ -101,4 +110,6 @@ def _run_folder(a: argparse.Namespace) -> int:
 
     refuse(a, ("survey",), f"is of one flight; name one log instead of the folder {a.log}")
     assumed_parameters(a.param)  # a wrong one is said once, before the work
-    return run_folder(a, a.log, {"--setpoint": a.setpoint, "--param": a.param, "--adapt": a.adapt.value})
+    return run_folder(
+        a, a.log, {"--setpoint": a.setpoint, "--param": a.param, "--adapt": a.adapt.value}
+    )

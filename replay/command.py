@@ -98,7 +98,8 @@ def check_targets(a: argparse.Namespace) -> None:
         if given in (None, "-"):
             continue
         is_file = option in ("json", "save_vehicle")
-        target, said = Path(given), f"--{option.replace('_', '-')} {given}"
+        target = Path(given)
+        said = f"--{option.replace('_', '-')} {given}"
         if is_file and target.is_dir():
             raise ConfigError(f"{said}: is a folder; name a file")
         if not is_file and target.exists() and not target.is_dir():
@@ -106,7 +107,9 @@ def check_targets(a: argparse.Namespace) -> None:
         above = [target.parent] if is_file else [target, *target.absolute().parents]
         parent = next((p for p in above if p.exists()), above[0])
         if not parent.is_dir():
-            raise ConfigError(f"{said}: there is no folder {parent}; create it or name another place")
+            raise ConfigError(
+                f"{said}: there is no folder {parent}; create it or name another place"
+            )
         if not os.access(parent, os.W_OK):
             raise ConfigError(f"{said}: folder {parent} cannot be written; name another place")
 
@@ -123,11 +126,18 @@ def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def write_answer(
-    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str] | None = None
+    a: argparse.Namespace,
+    content: Mapping[str, Any],
+    lines: Sequence[str],
+    page: Callable[[], str] | None = None,
 ) -> None:
     """Write what ``--json`` and, with a ``page``, ``--report`` ask for, and print the lines unless ``--quiet``."""
     if a.json is not None:
         write_json(content, a.json)
-    written = [] if page is None or a.report is None else [write_document("--report", a.report / "report.html", page())]
+    written = (
+        []
+        if page is None or a.report is None
+        else [write_document("--report", a.report / "report.html", page())]
+    )
     if speaks(a):
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

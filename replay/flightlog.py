@@ -65,11 +65,17 @@ class Series:
             out[good] = self.values[latest[good]]
             return out
         width = self.t_s[right] - self.t_s[left]
-        share = np.where(width > 0.0, (t_s - self.t_s[left]) / np.where(width > 0.0, width, 1.0), 0.0)
+        share = np.where(
+            width > 0.0, (t_s - self.t_s[left]) / np.where(width > 0.0, width, 1.0), 0.0
+        )
         good = (t_s >= self.t_s[0]) & (t_s <= self.t_s[-1]) & (width <= max_gap_s)
         blend = self.values[left] + share[:, None] * (self.values[right] - self.values[left])
         out[good] = blend[good]
         return out
+
+    def rows(self, chosen: NDArray[np.bool_]) -> Series:
+        """The samples (n,) that are chosen."""
+        return Series(self.t_s[chosen], self.values[chosen], self.source)
 
     def between(self, start_s: float, end_s: float) -> Series:
         """The part with start <= t < end."""
@@ -248,23 +254,36 @@ def _cut(column: Any, start_s: float, end_s: float) -> Any:
         case Ring(t_s=t_s) | (float(t_s), int(), str()):
             return column if start_s <= t_s < end_s else None
         case ImuRecord():
-            force, gyro = _cut(column.specific_force, start_s, end_s), _cut(column.gyro, start_s, end_s)
+            force = _cut(column.specific_force, start_s, end_s)
+            gyro = _cut(column.gyro, start_s, end_s)
             return replace(column, specific_force=force, gyro=gyro) if force and gyro else None
         case Beam():
             i, j = column.distance.t_s.searchsorted((start_s, end_s)).tolist()
             distance = column.distance.between(start_s, end_s)
-            return replace(column, distance=distance, verdicts=column.verdicts[i:j]) if distance else None
+            return (
+                replace(column, distance=distance, verdicts=column.verdicts[i:j])
+                if distance
+                else None
+            )
         case Lane():
             position = _cut(column.position, start_s, end_s)
             velocity = _cut(column.velocity, start_s, end_s)
             attitude = _cut(column.attitude, start_s, end_s)
             return Lane(position, velocity, attitude)
         case EscRecord():
-            return EscRecord(_cut(column.rpm, start_s, end_s), _cut(column.temperature_c, start_s, end_s))
+            return EscRecord(
+                _cut(column.rpm, start_s, end_s), _cut(column.temperature_c, start_s, end_s)
+            )
         case tuple():
-            return tuple(part for item in column if (part := _cut(item, start_s, end_s)) is not None)
+            return tuple(
+                part for item in column if (part := _cut(item, start_s, end_s)) is not None
+            )
         case Mapping():
-            return {key: part for key, item in column.items() if (part := _cut(item, start_s, end_s)) is not None}
+            return {
+                key: part
+                for key, item in column.items()
+                if (part := _cut(item, start_s, end_s)) is not None
+            }
     return column
 
 
@@ -358,7 +377,11 @@ class FlightLog:
 
     def stretches(self) -> Iterator[FlightLog]:
         """The log in parts of equal length, for work whose memory grows with the time; a small log is one."""
-        count = 1 if self.summary.bytes <= _ONE_STRETCH_BYTES else math.ceil(self.duration_s / _STRETCH_S)
+        count = (
+            1
+            if self.summary.bytes <= _ONE_STRETCH_BYTES
+            else math.ceil(self.duration_s / _STRETCH_S)
+        )
         if count <= 1:
             yield self
             return
@@ -382,7 +405,11 @@ class FlightLog:
             return best
         finer = old.step_m < best.step_m and not old.good.rate_hz < best.good.rate_hz
         difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
-        same = bool(np.nanmedian(difference) <= best.step_m) if np.isfinite(difference).any() else False
+        same = (
+            bool(np.nanmedian(difference) <= best.step_m)
+            if np.isfinite(difference).any()
+            else False
+        )
         return old if finer and same else best
 
     def missing(self, *names: str) -> list[str]:

@@ -30,7 +30,9 @@ class NotebookDiagnosis(Diagnosis):
         document = page(self, self.records[0].context.vehicle, model_faults(self.records, None))
         # A whole page inside another: its style stays its own.
         style = "width:100%;height:40rem;border:0"
-        return f'<iframe title="answer" style="{style}" sandbox srcdoc="{escape(document)}"></iframe>'
+        return (
+            f'<iframe title="answer" style="{style}" sandbox srcdoc="{escape(document)}"></iframe>'
+        )
 
 
 def diagnose(
@@ -50,15 +52,18 @@ def diagnose(
     """
     paths = [Path(logs)] if isinstance(logs, Path | str) else [Path(log) for log in logs]
     notes: Sequence[str] = ()
+    read = None
     if vehicle is None:
         diameter_m = None if propeller_inch is None else propeller_inch * INCH_M
         drafted = draft(paths, Given(mass_kg, diameter_m, span_m), target_system)
-        vehicle, notes = drafted.vehicle, drafted.notes
+        vehicle = drafted.vehicle
+        notes = drafted.notes
+        read = drafted.read
     elif not isinstance(vehicle, Vehicle):
         vehicle = chosen_vehicle(vehicle)
     if isinstance(model, str):
         model = choose(vehicle, None if model == DEFAULT else model).judged
     # Matrices here are small: a second thread of linear algebra would wait, and take a core to do so.
     with threadpool_limits(limits=1):
-        found = asked.diagnose(paths, vehicle, model, target_system=target_system)
+        found = asked.diagnose(paths, vehicle, model, target_system=target_system, read=read)
     return NotebookDiagnosis(**vars(replace(found, notes=(*notes, *found.notes))))

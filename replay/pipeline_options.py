@@ -25,8 +25,15 @@ messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
 
 def add_pipeline_options(p: argparse.ArgumentParser) -> None:
     """What a replay of the flight pipeline is given."""
-    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from the log)")
-    p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
+    p.add_argument(
+        "--vehicle",
+        type=vehicle_path,
+        metavar="FILE",
+        help="vehicle file (default: drafted from the log)",
+    )
+    p.add_argument(
+        "--model", metavar="DIR", help="model directory, or none (default: the shipped model)"
+    )
     p.add_argument(
         "--setpoint", choices=("hold", "upstream"), default="hold",
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
@@ -46,7 +53,9 @@ def add_answer_options(
     p: argparse.ArgumentParser, answer: str = "the answer as JSON", flies: str = "whichever flies"
 ) -> None:
     """Which vehicle of a log is asked about, and where the answer goes."""
-    p.add_argument("--target-system", type=int, metavar="N", help=f"the vehicle's id (default: {flies})")
+    p.add_argument(
+        "--target-system", type=int, metavar="N", help=f"the vehicle's id (default: {flies})"
+    )
     p.add_argument("--json", metavar="FILE", help=f"write {answer} (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
 
@@ -59,7 +68,9 @@ def add_folder_options(p: argparse.ArgumentParser) -> None:
         help="answers, table and, without --report, the page (default: NAME-COMMAND, here)",
     )  # fmt: skip
     g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
-    g.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files")
+    g.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files"
+    )
 
 
 def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
@@ -76,7 +87,9 @@ def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
     return out
 
 
-def pipeline_config(a: argparse.Namespace, flown: tuple[Vehicle, Choice]) -> tuple[PipelineConfig, Choice, list[str]]:
+def pipeline_config(
+    a: argparse.Namespace, flown: tuple[Vehicle, Choice]
+) -> tuple[PipelineConfig, Choice, list[str]]:
     """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle.
 
     ``flown``: the vehicle, and the model for it.
@@ -97,7 +110,10 @@ def pipeline_config(a: argparse.Namespace, flown: tuple[Vehicle, Choice]) -> tup
     )
     notes = [
         *([chosen.note] if chosen.note else []),
-        *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
+        *(
+            f"the model is of another fan than the vehicle file: {wrong}"
+            for wrong in chosen.contradictions
+        ),
         *(f"vehicle file: {line}" for line in warnings(vehicle)),
     ]
     return config, chosen, notes

@@ -30,5 +30,7 @@ def nothing_left_behind() -> Iterator[None]:
 def shared_data() -> Path:
     """Recorded flights that are not part of the project."""
     if not (SHARED / "data").is_dir():
-        pytest.skip(f"no recorded flights at {SHARED / 'data'} (set CORNER_SHARED to the folder that holds them)")
+        pytest.skip(
+            f"no recorded flights at {SHARED / 'data'} (set CORNER_SHARED to the folder that holds them)"
+        )
     return SHARED / "data"

@@ -125,7 +125,9 @@ class Adaptation:
     def estimates(self) -> dict[str, SizeEstimate]:
         """Every size by its name; then the ground's lift where no model is believed, and how far a model is."""
         out = estimates(self.table, self.sizes)
-        out["cheeseman_bennett"] = SizeEstimate(*judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1")
+        out["cheeseman_bennett"] = SizeEstimate(
+            *judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1"
+        )
         for name, judged in zip(MODELS, self.judged, strict=True):
             p = judged.probability
             out[name] = SizeEstimate(p, math.sqrt(p * (1.0 - p)), "probability")
@@ -133,7 +135,10 @@ class Adaptation:
 
     def share_by_name(self) -> dict[str, float]:
         """The share of the model's wrench that is compensated, by the size it follows."""
-        return {self.table[k].name: share for k, share in zip(channels(self.table), self.shares, strict=True)}
+        return {
+            self.table[k].name: share
+            for k, share in zip(channels(self.table), self.shares, strict=True)
+        }
 
     def as_json(self) -> dict[str, Any]:
         """``{name: {"value", "sd", "unit"}}``."""
@@ -152,8 +157,12 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     through = judge.channels_of(table)
     judged = tuple(judge.initial(channel) for channel in through)
     believed = _believed(through, judged)
-    shares, variance, learned = Applied((1.0,) * len(places)), floors(config.vehicle), (False,) * len(places)
-    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, variance, learned)
+    shares = Applied((1.0,) * len(places))
+    variance = floors(config.vehicle)
+    learned = (False,) * len(places)
+    state = Adaptation(
+        table, prior(table), through, judged, believed, shares, shares, variance, learned
+    )
     wanted = _wanted(state)
     return replace(state, wanted=wanted, applied=wanted)
 
@@ -163,7 +172,8 @@ def floors(vehicle: Vehicle) -> Array:
     """Least variance of a block (5,)."""
     weight = vehicle.mass_kg * GRAVITY
     lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
-    force, moment = _FORCE_FLOOR * weight, _MOMENT_FLOOR * weight * lever
+    force = _FORCE_FLOOR * weight
+    moment = _MOMENT_FLOOR * weight * lever
     out: Array = np.array([force, force, force, moment, moment]) ** 2
     return out
 
@@ -175,11 +185,19 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
         if now_s - known.heard_s < _SOURCE_SILENT_S:
             return known
         known = replace(known, source=imu.source, block=None)
-    disturbance, rows = here.disturbance, here.estimates.rows
+    disturbance = here.disturbance
+    rows = here.estimates.rows
     why = pause(here, imu, config, known.clear)
     if why is not None:
         return replace(
-            known, heard_s=now_s, paused=why, paused_s=now_s, block=None, full=None, innovation=None, clear=None
+            known,
+            heard_s=now_s,
+            paused=why,
+            paused_s=now_s,
+            block=None,
+            full=None,
+            innovation=None,
+            clear=None,
         )
     if now_s - known.paused_s < _PAUSE_S:
         return replace(known, heard_s=now_s)
@@ -199,9 +217,13 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
     return replace(known, heard_s=now_s, paused=None, block=block, full=full, clear=disturbance)
 
 
-def _longer(block: block_of.Block, here: Situation, imu: Imu, config: PipelineConfig) -> block_of.Block:
+def _longer(
+    block: block_of.Block, here: Situation, imu: Imu, config: PipelineConfig
+) -> block_of.Block:
     """The block with what is known at this sample."""
-    disturbance, position, servo = here.disturbance, here.estimates.position, here.estimates.servo
+    disturbance = here.disturbance
+    position = here.estimates.position
+    servo = here.estimates.servo
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None
@@ -215,25 +237,41 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
         return known
     block, here, rotation = known.full
     assert here.parts is not None
-    table, sizes = known.table, known.sizes
+    table = known.table
+    sizes = known.sizes
     wind = (float(sizes.offset[NORTH]), float(sizes.offset[EAST]))
-    seen = block_of.block_residual(block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind)
+    seen = block_of.block_residual(
+        block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind
+    )
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (_LAG_DOUBT_S / BLOCK_S * changed) ** 2
-    variance, doubtful = _ALIKE * known.variance + doubt, _ALIKE_NEAR * known.variance + doubt
+    variance = _ALIKE * known.variance + doubt
+    doubtful = _ALIKE_NEAR * known.variance + doubt
     innovation = seen.residual - seen.regressors @ sizes.offset
     surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised)
-    moves, around = excites(table, seen.regressors, variance), _in_the_middle(here, config)
-    near, first = _near(moves, around), known.updated_s == -math.inf
+    moves = excites(table, seen.regressors, variance)
+    around = _in_the_middle(here, config)
+    near = _near(moves, around)
+    first = known.updated_s == -math.inf
     seconds = BLOCK_S if first else max(block.end_s - known.updated_s, 0.0)
     if first or any(near) or any(surprised) or seconds > _FREE_AIR_S:
         judged = _judged(known, seen, doubtful, seconds, around, near, config)
         sizes = opened(table, later(table, sizes, seconds), surprised)
         # One axis after another.
         for axis, row, moved in zip(range(block_of.AXES), seen.regressors, moves, strict=True):
-            sizes = update(table, sizes, float(seen.residual[axis]), row, float(variance[axis]), moved)
-        learned, believed = _learned(known, sizes), _believed(known.channels, judged)
-        known = replace(known, sizes=sizes, judged=judged, learned=learned, believed=believed, updated_s=block.end_s)
+            sizes = update(
+                table, sizes, float(seen.residual[axis]), row, float(variance[axis]), moved
+            )
+        learned = _learned(known, sizes)
+        believed = _believed(known.channels, judged)
+        known = replace(
+            known,
+            sizes=sizes,
+            judged=judged,
+            learned=learned,
+            believed=believed,
+            updated_s=block.end_s,
+        )
         known = replace(known, wanted=_wanted(known))
     applied = known.applied
     if applied is not known.wanted:
@@ -258,7 +296,12 @@ def _near(moves: Flags, around: FanPlaces) -> tuple[bool, ...]:
     excited = [True in column for column in moves.T.tolist()]
     wall = min(around.gaps) < GAPS[-1]
     low = wall or min(around.heights) < HEIGHTS[-1]
-    return (low or excited[LIFT], wall or excited[PULL], wall or excited[TILT], *excited[FIRST_EFFECT:])
+    return (
+        low or excited[LIFT],
+        wall or excited[PULL],
+        wall or excited[TILT],
+        *excited[FIRST_EFFECT:],
+    )
 
 
 def _judged(
@@ -267,10 +310,14 @@ def _judged(
 ) -> tuple[judge.Belief, ...]:  # fmt: skip
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     vehicle = config.vehicle
-    place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
-    gains, beside = known.believed.shares, known.believed.near.rows(vehicle, around)
+    place = judge.place_of(around)
+    thrust = 1.0 + float(known.sizes.offset[THRUST])
+    gains = known.believed.shares
+    beside = known.believed.near.rows(vehicle, around)
     effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
-    rest, noise, regressors = (seen.residual - effects).tolist(), variance.tolist(), seen.regressors.tolist()
+    rest = (seen.residual - effects).tolist()
+    noise = variance.tolist()
+    regressors = seen.regressors.tolist()
     out = []
     for channel, before, here in zip(known.channels, known.judged, near, strict=False):
         waited_s = before.waited_s + seconds
@@ -295,15 +342,19 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> FanPlaces:
     assert here.parts is not None
     around = here.parts.around
     back = (0.5 * BLOCK_S + THRUST_LEAD_S) / config.vehicle.rotor_radius_m
-    lower, nearer = here.ground.rate_m_s * back, here.wall.rate_m_s * back
-    heights, gaps = tuple([h - lower for h in around.heights]), tuple([d - nearer for d in around.gaps])
+    lower = here.ground.rate_m_s * back
+    nearer = here.wall.rate_m_s * back
+    heights = tuple([h - lower for h in around.heights])
+    gaps = tuple([d - nearer for d in around.gaps])
     return FanPlaces(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
 def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Belief]) -> Applied:
     found = [judge.believed(c, j) for c, j in zip(channels, judged, strict=True)]
     lift, pull, tilt = [tuple(cells) for _, _, cells in found]
-    return Applied(tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt))
+    return Applied(
+        tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt)
+    )
 
 
 def _scatter(known: Adaptation, innovation: Array, config: PipelineConfig) -> Array:
@@ -314,7 +365,9 @@ def _scatter(known: Adaptation, innovation: Array, config: PipelineConfig) -> Ar
     change = innovation - known.innovation
     fresh = 0.5 * change * change
     fresh = np.where(np.isfinite(fresh), fresh, known.variance)
-    return np.maximum(known.variance + BLOCK_S / _NOISE_MEAN_S * (fresh - known.variance), floors(config.vehicle))
+    return np.maximum(
+        known.variance + BLOCK_S / _NOISE_MEAN_S * (fresh - known.variance), floors(config.vehicle)
+    )
 
 
 def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
@@ -325,9 +378,12 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
 
 def _wanted(known: Adaptation) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
-    gains, near = known.believed.shares, known.believed.near
+    gains = known.believed.shares
+    near = known.believed.near
     shares = [0.0 if gain < _NOTHING else min(gain, MOST) for gain in gains]
-    for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
+    for k, seen in zip(
+        range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True
+    ):
         value = known.table[k].as_modelled + float(known.sizes.offset[k])
         shares.append(share_of(value, known.sizes.sd(k)) if seen else 1.0)
     return Applied(tuple(shares), near)

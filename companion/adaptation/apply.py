@@ -43,7 +43,10 @@ class Applied:
         of_lift, of_pull, of_tilt = self.shares[:3]
         shares = (of_pull, of_pull, of_lift, of_tilt, of_tilt, of_tilt)
         at_fans = [
-            [share * modelled + left for share, modelled, left in zip(shares, fan, beside, strict=True)]
+            [
+                share * modelled + left
+                for share, modelled, left in zip(shares, fan, beside, strict=True)
+            ]
             for fan, beside in zip(above, self.near.wrenches(vehicle, around), strict=True)
         ]
         parts = about_cg(vehicle, at_fans, around.bearing_rad)
@@ -71,11 +74,15 @@ def towards(now: Applied, wanted: Applied, dt_s: float) -> Applied:
 
     ``wanted`` itself where it is reached.
     """
-    down, up = _TAKE_1_S * dt_s, GIVE_1_S * dt_s
+    down = _TAKE_1_S * dt_s
+    up = GIVE_1_S * dt_s
     shares = tuple(
-        min(max(goal, share - down), share + up) for share, goal in zip(now.shares, wanted.shares, strict=True)
+        min(max(goal, share - down), share + up)
+        for share, goal in zip(now.shares, wanted.shares, strict=True)
     )
-    old, new, most = now.near, wanted.near, _MAP_1_S * dt_s
+    old = now.near
+    new = wanted.near
+    most = _MAP_1_S * dt_s
     near = NearField(
         min(max(new.ground, old.ground - up), old.ground + up),
         _slewed(old.lift, new.lift, most),
@@ -89,7 +96,11 @@ def towards(now: Applied, wanted: Applied, dt_s: float) -> Applied:
 def _slewed(old: Sequence[float], new: Sequence[float], most: float) -> tuple[float, ...]:
     return tuple(
         [
-            goal if -most <= goal - value <= most else value + most if goal > value else value - most
+            goal
+            if -most <= goal - value <= most
+            else value + most
+            if goal > value
+            else value - most
             for value, goal in zip(old, new, strict=True)
         ]
     )

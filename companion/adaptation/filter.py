@@ -62,11 +62,17 @@ def surprises(
 
     What a gain on the model can explain is no surprise.
     """
-    spread = ROBUST_SIGMAS * np.sqrt(((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance)
+    spread = ROBUST_SIGMAS * np.sqrt(
+        ((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance
+    )
     out = []
-    for count, off, most, row in zip(before, innovation.tolist(), spread.tolist(), regressors, strict=True):
+    for count, off, most, row in zip(
+        before, innovation.tolist(), spread.tolist(), regressors, strict=True
+    ):
         side = 1 if off > 0.0 else -1
-        far = abs(off) > most and abs(off) > _GAIN_EXPLAINS * sum(map(abs, row[: at.THRUST].tolist()))
+        far = abs(off) > most and abs(off) > _GAIN_EXPLAINS * sum(
+            map(abs, row[: at.THRUST].tolist())
+        )
         out.append((count + side if count * side > 0 else side) if far else 0)
     return tuple(out)
 
@@ -80,7 +86,9 @@ def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) ->
     more = np.zeros(len(table))
     for axis in axes:
         for place in _JUMPS[axis]:
-            more[place] = min(_JUMP_VARIANCE * most[place], max(most[place] - sizes.covariance[place, place], 0.0))
+            more[place] = min(
+                _JUMP_VARIANCE * most[place], max(most[place] - sizes.covariance[place, place], 0.0)
+            )
     return Sizes(sizes.offset, sizes.covariance + np.diag(more))
 
 
@@ -92,7 +100,12 @@ def excites(table: tuple[Size, ...], regressors: Array, variance: Array) -> Flag
 
 
 def update(
-    table: tuple[Size, ...], sizes: Sizes, residual: float, regressors: Array, variance: float, moves: Flags
+    table: tuple[Size, ...],
+    sizes: Sizes,
+    residual: float,
+    regressors: Array,
+    variance: float,
+    moves: Flags,
 ) -> Sizes:
     """The sizes after ``residual`` = regressors (n,) @ offset + noise of ``variance``; the same object if unmoved.
 

@@ -12,7 +12,8 @@ from companion.mavlink.samples import Imu
 from models.frames import GRAVITY
 from models.surrogate.empty import is_empty
 
-NO_IMU, NOT_FLYING = "no accelerometer", "not flying, or taking off or landing"
+NO_IMU = "no accelerometer"
+NOT_FLYING = "not flying, or taking off or landing"
 SURFACE_UNKNOWN, SURFACE_STEP = "a range is not believed", "ground or wall jumped"
 """Reasons to pause that others look for."""
 _TAKING_OFF, _LANDING = 3, 4
@@ -43,10 +44,15 @@ class Situation(NamedTuple):
     landed_state: int
 
 
-def pause(here: Situation, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> str | None:
+def pause(
+    here: Situation, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None
+) -> str | None:
     """The reason not to learn from this sample, as the pilot reads it; ``clear`` has been looked at already."""
-    estimates, now = here.estimates, imu.t_s
-    disturbance, attitude, position = here.disturbance, estimates.attitude, estimates.position
+    estimates = here.estimates
+    now = imu.t_s
+    disturbance = here.disturbance
+    attitude = estimates.attitude
+    position = estimates.position
     if disturbance is None or disturbance.parts is None:
         return "rotor speeds missing or old"
     if attitude is None or position is None or now - here.disturbance_s > ATTITUDE_AGE_S:
@@ -73,7 +79,8 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, now_s: float
             return SURFACE_STEP
     assert disturbance.parts is not None
     around = disturbance.parts.around
-    height, gap = min(around.heights), min(around.gaps)
+    height = min(around.heights)
+    gap = min(around.gaps)
     if height < _NEAR_GROUND_RADII or gap * config.vehicle.rotor_radius_m < _NEAR_WALL_M:
         return "so near that it may touch"
     if is_empty(config.model) and min(height, gap) < _REACH_RADII:

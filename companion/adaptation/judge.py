@@ -105,15 +105,24 @@ def _channel(table: tuple[Size, ...], own: int) -> Channel:
     a_minute = [table[k].per_minute * share for k, share in zip(along, calm, strict=True)]
     form = _GROUND_SD if own == at.LIFT else 0.0
     n = len(along) + 2 + CELLS
-    mean, covariance, growth = np.zeros((2, n)), np.zeros((2, n, n)), np.zeros((2, n))
+    mean = np.zeros((2, n))
+    covariance = np.zeros((2, n, n))
+    growth = np.zeros((2, n))
     for k, (gain, sd, ground, near) in enumerate(
         ((table[own].mean, table[own].sd, 0.0, _LEFT_SD[own]), (0.0, 0.0, form, _MAP_SD[own]))
     ):
         cell = MAP.covariance(near, of_wall=own != at.LIFT)
         mean[k, : n - CELLS] = [*steady, gain, 0.0]
-        np.fill_diagonal(covariance[k], [*[s * s for s in sds], sd * sd, ground * ground, *[0.0] * CELLS])
+        np.fill_diagonal(
+            covariance[k], [*[s * s for s in sds], sd * sd, ground * ground, *[0.0] * CELLS]
+        )
         covariance[k, n - CELLS :, n - CELLS :] = cell
-        moves = [*a_minute, _DRIFT * sd, _DRIFT * ground, *(_DRIFT * np.sqrt(np.diagonal(cell))).tolist()]
+        moves = [
+            *a_minute,
+            _DRIFT * sd,
+            _DRIFT * ground,
+            *(_DRIFT * np.sqrt(np.diagonal(cell))).tolist(),
+        ]
         growth[k] = np.square(moves) / 60.0
     variance = np.array([np.diagonal(c) for c in covariance])
     return Channel(_AXES[own], along, own, mean, covariance, variance, growth)
@@ -136,12 +145,15 @@ class Place:
 
 def place_of(around: FanPlaces) -> Place:
     """The fans' place on the map."""
-    weights, form = [0.0] * CELLS, 0.0
+    weights = [0.0] * CELLS
+    form = 0.0
     for height, gap, thrust in zip(around.heights, around.gaps, around.free_lift_n, strict=True):
         form += thrust * cheeseman_bennett(height)
         for k, weight in MAP.cells(height, gap):
             weights[k] += weight * thrust
-    return Place(np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad)))
+    return Place(
+        np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad))
+    )
 
 
 def rows(
@@ -156,29 +168,45 @@ def rows(
     for axis in channel.axes:
         seen = regressors[axis]
         row = np.empty(first + 2 + CELLS)
-        row[: first + 2] = [*[seen[k] for k in channel.along], seen[channel.own] * thrust_scale, form]
+        row[: first + 2] = [
+            *[seen[k] for k in channel.along],
+            seen[channel.own] * thrust_scale,
+            form,
+        ]
         np.multiply(place.weights, along[axis] * thrust_scale, out=row[first + 2 :])
         out.append(row)
     return out
 
 
-def learn(channel: Channel, judged: Belief, seconds: float, seen: Sequence[tuple[float, Array, float]]) -> Belief:
+def learn(
+    channel: Channel, judged: Belief, seconds: float, seen: Sequence[tuple[float, Array, float]]
+) -> Belief:
     """One block on: (value, row, variance) of each axis of the channel; an axis that is not a number tells nothing."""
     covariance = judged.covariance.copy()
     diagonal = covariance.reshape(2, -1)[:, :: covariance.shape[1] + 1]
     # No variance grows beyond that before any flight.
-    diagonal += np.minimum(channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0))
-    mean, log_odds, surprised = judged.mean, judged.log_odds, []
-    sigmas, most = ROBUST_SIGMAS, ROBUST_SIGMAS**2
+    diagonal += np.minimum(
+        channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0)
+    )
+    mean = judged.mean
+    log_odds = judged.log_odds
+    surprised = []
+    sigmas = ROBUST_SIGMAS
+    most = ROBUST_SIGMAS**2
     for (value, row, variance), before in zip(seen, judged.surprised, strict=True):
         if not math.isfinite(value) or not variance > 0.0:
             surprised.append(0)
             continue
         shared = covariance @ row
         (e, f), (s, t) = (mean @ row).tolist(), (shared @ row).tolist()
-        i, j, s, t = value - e, value - f, s + variance, t + variance
-        y, z = abs(i) / math.sqrt(s), abs(j) / math.sqrt(t)
-        v, w = sigmas / y if y > sigmas else 1.0, sigmas / z if z > sigmas else 1.0
+        i = value - e
+        j = value - f
+        s = s + variance
+        t = t + variance
+        y = abs(i) / math.sqrt(s)
+        z = abs(j) / math.sqrt(t)
+        v = sigmas / y if y > sigmas else 1.0
+        w = sigmas / z if z > sigmas else 1.0
         if y > sigmas and z > sigmas and i * j > 0.0:
             mean = _jumped(channel, mean, covariance, shared, ((i, s, v), (j, t, w)))
             side = 1 if i > 0.0 else -1
@@ -186,7 +214,8 @@ def learn(channel: Channel, judged: Belief, seconds: float, seen: Sequence[tuple
             continue
         # Joseph's form with a gain that is Huber's weight, ``v`` and ``w``, of the best: one product, symmetric to the
         # last bit.
-        root, other = math.sqrt((2.0 - v) * v / s), math.sqrt((2.0 - w) * w / t)
+        root = math.sqrt((2.0 - v) * v / s)
+        other = math.sqrt((2.0 - w) * w / t)
         by_mean, by_covariance = np.array((((i * v / s,), (j * w / t,)), ((root,), (other,))))
         mean = mean + by_mean * shared
         shared *= by_covariance
@@ -230,7 +259,8 @@ def _opened(channel: Channel, covariance: Array) -> Array:
 
 def believed(channel: Channel, judged: Belief) -> tuple[float, float, list[float]]:
     """Gain on the model, the ground's lift in Cheeseman and Bennett's, and the map (CELLS,): both hypotheses' mean."""
-    p, gain = judged.probability, channel.gain
+    p = judged.probability
+    gain = channel.gain
     mixed = (p * judged.mean[0] + (1.0 - p) * judged.mean[1]).tolist()
     return mixed[gain], mixed[gain + 1], mixed[gain + 2 :]
 

@@ -10,7 +10,9 @@ from models.vehicle import Vehicle
 
 MAP = SurfaceMap((0.8, 1.13, 1.6, 2.26, 3.2, 4.5), (0.35, 0.8, 1.6, 4.0))
 """Coarser than the one that diagnosis fits: a filter in flight carries a covariance of all cells."""
-HEIGHTS, GAPS, CELLS = MAP.heights, MAP.gaps, MAP.size
+HEIGHTS = MAP.heights
+GAPS = MAP.gaps
+CELLS = MAP.size
 
 
 def cheeseman_bennett(height_radii: float) -> float:
@@ -41,7 +43,9 @@ class NearField:
         """Lift, pull and tilt at one fan, as shares."""
         if height_radii >= HEIGHTS[-1] and gap_radii >= GAPS[-1]:
             return 0.0, 0.0, 0.0
-        lift, pull, tilt = self.ground * cheeseman_bennett(height_radii), 0.0, 0.0
+        lift = self.ground * cheeseman_bennett(height_radii)
+        pull = 0.0
+        tilt = 0.0
         for k, weight in MAP.cells(height_radii, gap_radii):
             lift += weight * self.lift[k]
             pull += weight * self.pull[k]
@@ -51,15 +55,28 @@ class NearField:
     def wrenches(self, vehicle: Vehicle, around: FanPlaces) -> list[tuple[float, ...]]:
         """(fans, 6), corner frame: the same in N and N m."""
         out: list[tuple[float, ...]] = []
-        for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
+        for thrust, height, gap in zip(
+            around.free_lift_n, around.heights, around.gaps, strict=True
+        ):
             lift, pull, tilt = self.at_fan(height, gap)
-            out.append((pull * thrust, 0.0, lift * thrust, 0.0, tilt * thrust * vehicle.rotor_radius_m, 0.0))
+            out.append(
+                (
+                    pull * thrust,
+                    0.0,
+                    lift * thrust,
+                    0.0,
+                    tilt * thrust * vehicle.rotor_radius_m,
+                    0.0,
+                )
+            )
         return out
 
     def pull_change_n(self, around: FanPlaces, further_radii: float) -> float:
         """How much less all fans are drawn to the wall further off [N]."""
         out = 0.0
-        for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
+        for thrust, height, gap in zip(
+            around.free_lift_n, around.heights, around.gaps, strict=True
+        ):
             if gap < GAPS[-1]:
                 out += thrust * self.at_fan(height, gap)[1]
                 out -= thrust * self.at_fan(height, gap + further_radii)[1]

@@ -60,15 +60,23 @@ def follow(block: Block) -> Block:
     return Block(block.end_s, block.end_s, block.lagged, block.lagged[3:])
 
 
-def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...]) -> Block:
+def add(
+    block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...]
+) -> Block:
     """The block with one sample more; ``vanes_us`` as ``vane_outputs`` has them, ``velocity`` NED."""
     share = (imu.t_s - block.end_s) / (IMU_LAG_S + imu.t_s - block.end_s)
-    (a, b, c, p, q, r), (fx, fy, fz), (gx, gy, gz) = block.lagged, imu.specific_force_frd, imu.gyro_frd
+    (a, b, c, p, q, r), (fx, fy, fz), (gx, gy, gz) = (
+        block.lagged,
+        imu.specific_force_frd,
+        imu.gyro_frd,
+    )
     force = (a + share * (fx - a), b + share * (fy - b), c + share * (fz - c))
     rates = (p + share * (gx - p), q + share * (gy - q), r + share * (gz - r))
     lagged = (*force, *rates)
     motion = tuple([old + new for old, new in zip(block.motion, (*lagged, *velocity), strict=True)])
-    at_fans, effects, vanes = parts.at_fans, parts.effects, vanes_us
+    at_fans = parts.at_fans
+    effects = parts.effects
+    vanes = vanes_us
     if block.at_fans is not None and block.effects is not None:
         at_fans = block.at_fans + at_fans
         effects = block.effects + effects if effects.size else effects
@@ -107,20 +115,30 @@ def block_residual(
     assert block.effects is not None
     share = 1.0 / block.samples
     near, free = (block.at_fans * share).tolist()
-    above = [[x - y for x, y in zip(one, alone, strict=True)] for one, alone in zip(near, free, strict=True)]
+    above = [
+        [x - y for x, y in zip(one, alone, strict=True)]
+        for one, alone in zip(near, free, strict=True)
+    ]
     lift, pull, tilt = about_cg(vehicle, above, bearing_rad)
     alone = [a + b + c for a, b, c in zip(*about_cg(vehicle, free, bearing_rad), strict=True)]
     effects = (block.effects * share).tolist()
     declared = alone[2] + sum([effect[2] for effect in effects])
-    modelled = [sum(column) for column in zip(lift, pull, tilt, alone, *effects, strict=True)][:AXES]
+    modelled = [sum(column) for column in zip(lift, pull, tilt, alone, *effects, strict=True)][
+        :AXES
+    ]
     if vehicle.vanes:
-        of_vanes = vanes_wrench(vehicle, [v * share for v in block.vanes_us], [fan[2] for fan in near])
+        of_vanes = vanes_wrench(
+            vehicle, [v * share for v in block.vanes_us], [fan[2] for fan in near]
+        )
         declared += of_vanes[2]
         modelled = [a + b for a, b in zip(modelled, of_vanes, strict=False)]
     seen = measured(block, vehicle)
     if not vehicle.vanes and abs(alone[3]) + abs(alone[4]) < _EQUAL * vehicle.mass_kg:
         seen = [*seen[:3], math.nan, math.nan]
-    rows = [[a, b, c, *[0.0] * (sizes - at.THRUST)] for a, b, c in zip(lift[:AXES], pull, tilt, strict=False)]
+    rows = [
+        [a, b, c, *[0.0] * (sizes - at.THRUST)]
+        for a, b, c in zip(lift[:AXES], pull, tilt, strict=False)
+    ]
     for k, effect in enumerate(effects, at.FIRST_EFFECT):
         for row, value in zip(rows, effect, strict=False):
             row[k] = value
@@ -132,18 +150,28 @@ def block_residual(
 
 def measured(block: Block, vehicle: Vehicle) -> list[float]:
     """(5,): the wrench of the air that the accelerometer and the gyro of a block tell."""
-    share, seconds = 1.0 / block.samples, block.end_s - block.start_s
+    share = 1.0 / block.samples
+    seconds = block.end_s - block.start_s
     mean = [v * share for v in block.motion[:6]]
-    change = [(last - first) / seconds for first, last in zip(block.rates_at_start, block.lagged[3:], strict=True)]
+    change = [
+        (last - first) / seconds
+        for first, last in zip(block.rates_at_start, block.lagged[3:], strict=True)
+    ]
     motion = [*mean, *change, vehicle.mass_kg, *vehicle.inertia_kgm2]
     return list(wrench_of_motion(*motion)[:AXES])
 
 
-def _through_the_air(velocity: Sequence[float], rotation: Rows, wind_ne: tuple[float, float]) -> list[float]:
+def _through_the_air(
+    velocity: Sequence[float], rotation: Rows, wind_ne: tuple[float, float]
+) -> list[float]:
     """Along x and y over ground, along the rotors' axis through the air; ``velocity`` and ``wind_ne`` NED [m/s]."""
     (xn, yn, zn), (xe, ye, ze), (xd, yd, zd) = rotation
     (n, e, d), (north, east) = velocity, wind_ne
-    return [n * xn + e * xe + d * xd, n * yn + e * ye + d * yd, (n - north) * zn + (e - east) * ze + d * zd]
+    return [
+        n * xn + e * xe + d * xd,
+        n * yn + e * ye + d * yd,
+        (n - north) * zn + (e - east) * ze + d * zd,
+    ]
 
 
 def _common(
@@ -158,17 +186,26 @@ def _common(
     fx, fy, fz, mx, my = out
     lift = max(-free[2], 0.0)
     fz[at.THRUST] = free[2]
-    flow, above, radius = mass_flow(vehicle, lift), mean_height(vehicle), vehicle.rotor_radius_m
+    flow = mass_flow(vehicle, lift)
+    above = mean_height(vehicle)
+    radius = vehicle.rotor_radius_m
     for column, (x, y, _) in ((at.NORTH, rotation[0]), (at.EAST, rotation[1])):
-        fx[column], fy[column] = flow * x, flow * y
+        fx[column] = flow * x
+        fy[column] = flow * y
         # Acts at the fans: their height about the CG.
-        mx[column], my[column] = -above * flow * y, above * flow * x
-    my[at.CG_X], mx[at.CG_Y] = lifted, -lifted
+        mx[column] = -above * flow * y
+        my[column] = above * flow * x
+    my[at.CG_X] = lifted
+    mx[at.CG_Y] = -lifted
     vx, vy, vz = velocity
-    x, y = -flow * vx, -flow * vy
-    fx[at.DRAG], fy[at.DRAG] = x, y
-    mx[at.DRAG], my[at.DRAG] = -above * y, above * x
-    mx[at.DRAG_ARM], my[at.DRAG_ARM] = radius * y, -radius * x
+    x = -flow * vx
+    y = -flow * vy
+    fx[at.DRAG] = x
+    fy[at.DRAG] = y
+    mx[at.DRAG] = -above * y
+    my[at.DRAG] = above * x
+    mx[at.DRAG_ARM] = radius * y
+    my[at.DRAG_ARM] = -radius * x
     fz[at.INFLOW] = -lift * vz / max(tip_m_s, 1.0)
 
 
@@ -187,12 +224,19 @@ def mean_height(vehicle: Vehicle) -> float:
 @lru_cache(maxsize=8)
 def _vane_units(vehicle: Vehicle) -> list[list[float]]:
     """(vanes, 6): wrench about the CG per radian of each vane and newton of its fan's lift."""
-    force = [(*(vane.force_per_thrust_rad * c for c in vane.axis), 0.0, 0.0, 0.0) for vane in vehicle.vanes]
-    out: list[list[float]] = at_cg(np.array(force), np.array([vane.position_m for vane in vehicle.vanes])).tolist()
+    force = [
+        (*(vane.force_per_thrust_rad * c for c in vane.axis), 0.0, 0.0, 0.0)
+        for vane in vehicle.vanes
+    ]
+    out: list[list[float]] = at_cg(
+        np.array(force), np.array([vane.position_m for vane in vehicle.vanes])
+    ).tolist()
     return out
 
 
-def vanes_wrench(vehicle: Vehicle, outputs_us: Sequence[float], fan_lift_n: Sequence[float]) -> list[float]:
+def vanes_wrench(
+    vehicle: Vehicle, outputs_us: Sequence[float], fan_lift_n: Sequence[float]
+) -> list[float]:
     """(6,): ``models.vehicle_wrench.vane_wrench`` for ``vane_outputs`` or their mean, and lifts (fans,) [N].
 
     NaN in the axes of a vane whose output is NaN.

@@ -116,14 +116,18 @@ def drag_prior(vehicle: Vehicle) -> tuple[float, float]:
 def _scatter(model: FanSurrogate) -> tuple[float, float, float]:
     """Unexplained share of the increments: of lift, level forces, moments."""
     calibration = model.calibration
-    share = [min(f / s, 1.0) if s > 0.0 else 0.0 for f, s in zip(calibration.floor, calibration.size, strict=True)]
+    share = [
+        min(f / s, 1.0) if s > 0.0 else 0.0
+        for f, s in zip(calibration.floor, calibration.size, strict=True)
+    ]
     return share[2], max(share[0], share[1]), max(share[3], share[4])
 
 
 def prior(table: tuple[Size, ...]) -> Sizes:
     """What is believed before any flight."""
     return Sizes(
-        np.array([size.mean - size.as_modelled for size in table]), np.diag([size.sd * size.sd for size in table])
+        np.array([size.mean - size.as_modelled for size in table]),
+        np.diag([size.sd * size.sd for size in table]),
     )
 
 

@@ -32,13 +32,16 @@ def named_values(known: Adaptation) -> Iterator[tuple[str, float]]:
 
 def sentences(known: Adaptation, reported: dict[str, float]) -> Iterator[tuple[str, float, str]]:
     """(size, share, sentence) of every channel whose share has left what was last ``reported``."""
-    for n, (k, share, learned) in enumerate(zip(channels(known.table), known.shares, known.learned, strict=True)):
+    for n, (k, share, learned) in enumerate(
+        zip(channels(known.table), known.shares, known.learned, strict=True)
+    ):
         size = known.table[k]
         before = reported.get(size.name, 1.0)
         ended = share == 0.0 < before
         if not learned or (abs(share - before) < _TELL and not ended):
             continue
-        value, sd = size.as_modelled + float(known.sizes.offset[k]), known.sizes.sd(k)
+        value = size.as_modelled + float(known.sizes.offset[k])
+        sd = known.sizes.sd(k)
         if n < len(GAINS) and known.judged[n].probability < _CONTRADICTED:
             yield size.name, share, contradicted(size.name, value, known)
             continue

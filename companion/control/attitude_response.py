@@ -68,9 +68,12 @@ class AttitudeResponse(NamedTuple):
     bank: Bank = _EMPTY
 
 
-def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
+def hear_tilt(
+    response: AttitudeResponse, t_s: float, roll: float, pitch: float
+) -> AttitudeResponse:
     """Take in a measured roll and pitch [rad]; without any setpoint, or after a gap, start again."""
-    tilt, dt = complex(roll, pitch), t_s - response.t_s
+    tilt = complex(roll, pitch)
+    dt = t_s - response.t_s
     if not response.commands or not 0.0 < dt <= 0.3:
         return response._replace(tilt_mean=tilt, t_s=t_s, bank=_EMPTY)
     mean = response.tilt_mean + min(dt / _MEAN_S, 1.0) * (tilt - response.tilt_mean)
@@ -83,11 +86,15 @@ def sent(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> A
     tilt = mean = complex(roll, pitch)
     kept = [c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s]
     if kept:
-        mean = response.command_mean + min((t_s - kept[-1][0]) / _MEAN_S, 1.0) * (tilt - response.command_mean)
+        mean = response.command_mean + min((t_s - kept[-1][0]) / _MEAN_S, 1.0) * (
+            tilt - response.command_mean
+        )
     return response._replace(commands=(*kept, (t_s, tilt - mean)), command_mean=mean)
 
 
-def _compared(bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: complex) -> Bank:
+def _compared(
+    bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: complex
+) -> Bank:
     """The bank with one tilt more: every candidate one step on, and compared with it."""
     times, setpoints = zip(*commands, strict=True)
     # The setpoints as every dead time delays them, the first and the last of them held.
@@ -118,5 +125,8 @@ def measured_loop(response: AttitudeResponse) -> AttitudeLoop | None:
     if left[best] > _MOST_UNEXPLAINED**2 * bank.tilt_power:
         return None
     return AttitudeLoop(
-        float(_TAUS[best[0]]), float(_DELAYS[best[1]]), round(float(gain[best]), 1), source=Source.MEASURED
+        float(_TAUS[best[0]]),
+        float(_DELAYS[best[1]]),
+        round(float(gain[best]), 1),
+        source=Source.MEASURED,
     )

@@ -40,7 +40,13 @@ class Offset(NamedTuple):
     def scaled(self, share: float) -> Offset:
         """The same offset, ``share`` of it."""
         thrust, roll, pitch, acceleration, of_disturbance = self
-        return Offset(thrust * share, roll * share, pitch * share, scaled(acceleration, share), of_disturbance * share)
+        return Offset(
+            thrust * share,
+            roll * share,
+            pitch * share,
+            scaled(acceleration, share),
+            of_disturbance * share,
+        )
 
 
 MomentWashout = tuple[float, float]
@@ -103,7 +109,9 @@ def _moment_bias(
     mx: float, my: float, washout: MomentWashout | None, vehicle: Vehicle, dt_s: float
 ) -> tuple[float, float, MomentWashout]:
     low_x, low_y = lagged(washout or (mx, my), (mx, my), min(dt_s / _MOMENT_WASHOUT_S, 1.0))
-    stiffness_x, stiffness_y = (_MOMENT_STIFFNESS_1_S2 * inertia for inertia in vehicle.inertia_kgm2[:2])
+    stiffness_x, stiffness_y = (
+        _MOMENT_STIFFNESS_1_S2 * inertia for inertia in vehicle.inertia_kgm2[:2]
+    )
     roll = clipped(-(mx - low_x) / stiffness_x, _MOMENT_LIMIT_RAD)
     pitch = clipped(-(my - low_y) / stiffness_y, _MOMENT_LIMIT_RAD)
     return roll, pitch, (low_x, low_y)
@@ -119,20 +127,27 @@ def fade(authority: float, wanted: float, dt_s: float) -> float:
 def _slew(value: float, wanted: float, limit: float, step: float) -> float:
     """Move ``value`` towards ``wanted`` clipped to +-``limit``, by at most ``step``."""
     target = -limit if wanted < -limit else limit if wanted > limit else wanted
-    low, high = value - step, value + step
+    low = value - step
+    high = value + step
     return low if target < low else high if target > high else target
 
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:
     """Move the offset towards the wanted one within the vehicle file's limits and slew rates."""
-    most, rate = config.most_offset, config.offset_rates
+    most = config.most_offset
+    rate = config.offset_rates
     thrust, roll, pitch, (north, east, down), _ = old
     wanted_thrust, wanted_roll, wanted_pitch, (x, y, z), share = wanted
-    step, tilt_step = rate.acceleration_m_s2 * dt_s, rate.tilt_rad * dt_s
-    g, tilt = most.acceleration_m_s2, most.tilt_rad
-    north, east, down = _slew(north, x, g, step), _slew(east, y, g, step), _slew(down, z, g, step)
+    step = rate.acceleration_m_s2 * dt_s
+    tilt_step = rate.tilt_rad * dt_s
+    g = most.acceleration_m_s2
+    tilt = most.tilt_rad
+    north = _slew(north, x, g, step)
+    east = _slew(east, y, g, step)
+    down = _slew(down, z, g, step)
     thrust = _slew(thrust, wanted_thrust, most.thrust, rate.thrust * dt_s)
-    roll, pitch = _slew(roll, wanted_roll, tilt, tilt_step), _slew(pitch, wanted_pitch, tilt, tilt_step)
+    roll = _slew(roll, wanted_roll, tilt, tilt_step)
+    pitch = _slew(pitch, wanted_pitch, tilt, tilt_step)
     asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
     passed = min(_size(thrust, roll, pitch) / asked, 1.0) if asked > 0.0 else 1.0
     return Offset(thrust, roll, pitch, (north, east, down), share * passed)

@@ -40,7 +40,9 @@ def hear_heartbeat(engagement: Engagement, heartbeat: Heartbeat) -> Engagement:
     return replace(engagement, mode=heartbeat.custom_mode, changed_s=changed_s)
 
 
-def watch_take_off(engagement: Engagement, t_s: float, climb_m_s: float | None, air: Airborne) -> Engagement:
+def watch_take_off(
+    engagement: Engagement, t_s: float, climb_m_s: float | None, air: Airborne
+) -> Engagement:
     """Whether a take-off is over: steady for a second, or flown in another mode since; never while the autopilot
     reports one.
 
@@ -50,9 +52,15 @@ def watch_take_off(engagement: Engagement, t_s: float, climb_m_s: float | None, 
         return replace(engagement, steady_since_s=math.inf, out_of_take_off=False)
     if engagement.out_of_take_off:
         return engagement
-    steady = climb_m_s is not None and abs(climb_m_s) < _SETTLED_CLIMB_M_S and air.landed_state != TAKE_OFF
+    steady = (
+        climb_m_s is not None
+        and abs(climb_m_s) < _SETTLED_CLIMB_M_S
+        and air.landed_state != TAKE_OFF
+    )
     since = min(engagement.steady_since_s, t_s) if steady else math.inf
-    flown_elsewhere = engagement.changed_s > air.since_s + AIRBORNE_AFTER_S and air.landed_state != TAKE_OFF
+    flown_elsewhere = (
+        engagement.changed_s > air.since_s + AIRBORNE_AFTER_S and air.landed_state != TAKE_OFF
+    )
     over = flown_elsewhere or t_s - since >= _SETTLED_S
     return replace(engagement, steady_since_s=since, out_of_take_off=over)
 
@@ -62,7 +70,11 @@ def waits_for_mode(heartbeat: Heartbeat | None, refusals: set[Reason]) -> bool:
 
     ``refusals`` are those that hold back everything.
     """
-    return heartbeat is not None and stack_of(heartbeat) is Stack.PX4 and refusals == {Reason.WRONG_MODE}
+    return (
+        heartbeat is not None
+        and stack_of(heartbeat) is Stack.PX4
+        and refusals == {Reason.WRONG_MODE}
+    )
 
 
 class Balance(NamedTuple):

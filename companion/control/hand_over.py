@@ -46,7 +46,9 @@ def held_off(place: Vector3, lean: tuple[float, float], towards: tuple[float, fl
     Two proportional stages give the acceleration P_position P_velocity e, so e = a / (P_position P_velocity) for the
     acceleration a = ``lean`` [m/s^2] by which the tilt holds the vehicle off. ``towards``: level unit vector to it.
     """
-    off = min(max(-(lean[0] * towards[0] + lean[1] * towards[1]), 0.0) / _STIFFNESS_1_S2, _MOST_OFF_M)
+    off = min(
+        max(-(lean[0] * towards[0] + lean[1] * towards[1]), 0.0) / _STIFFNESS_1_S2, _MOST_OFF_M
+    )
     return place[0] - off * towards[0], place[1] - off * towards[1], place[2]
 
 
@@ -71,10 +73,14 @@ def hand_over_command(
     last = hand_over.last
     if hand_over.place is not None:
         return PositionCommand(t_s, hand_over.place, last.yaw)
-    left = max(1.0 - 1.25 * share, 0.0)  # level for the last fifth, so that a lost message leaves no tilt
+    left = max(
+        1.0 - 1.25 * share, 0.0
+    )  # level for the last fifth, so that a lost message leaves no tilt
     level = thrust.hover + left * (last.thrust - thrust.hover)
     if Reason.THRUST_IS_CLIMB_RATE in refusals or Reason.THRUST_UNKNOWN in refusals:
         level = _CLIMB_RATE_ZERO
     if not math.isfinite(level):
         return None
-    return AttitudeCommand(t_s, quaternion_from_euler(left * last.roll, left * last.pitch, last.yaw), level)
+    return AttitudeCommand(
+        t_s, quaternion_from_euler(left * last.roll, left * last.pitch, last.yaw), level
+    )

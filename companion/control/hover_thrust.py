@@ -48,7 +48,9 @@ def learn(hover: HoverThrust, t_s: float, thrust: float, cushion: float) -> Hove
         return HoverThrust(free, 0.0, thrust, t_s)
     dt = min(max(t_s - hover.now_s, 0.0), 0.1)
     share = max(dt / _MEAN_S, _MIN_SHARE)
-    return HoverThrust(hover.learned + share * (free - hover.learned), hover.seconds + dt, thrust, t_s)
+    return HoverThrust(
+        hover.learned + share * (free - hover.learned), hover.seconds + dt, thrust, t_s
+    )
 
 
 def hover_parameter(parameters: Mapping[str, float]) -> float | None:
@@ -64,7 +66,9 @@ def best_hover(hover: HoverThrust, parameters: Mapping[str, float], declared: fl
     return declared if named is None else named
 
 
-def is_known(hover: HoverThrust, t_s: float, parameters: Mapping[str, float], declared: float) -> bool:
+def is_known(
+    hover: HoverThrust, t_s: float, parameters: Mapping[str, float], declared: float
+) -> bool:
     """Whether the hover thrust is good enough to engage with.
 
     Where the autopilot sends its thrust, that must have been learned: parameters are off by a tenth (ArduPilot) or

@@ -40,14 +40,23 @@ class Airborne(NamedTuple):
 
 
 def watch(
-    air: Airborne, disturbance: Disturbance | None, weight_n: float, t_s: float, *, telemetered: bool, holding: bool
+    air: Airborne,
+    disturbance: Disturbance | None,
+    weight_n: float,
+    t_s: float,
+    *,
+    telemetered: bool,
+    holding: bool,
 ) -> Airborne:
     """One decision further.
 
     The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off. In
     the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
     """
-    since, carried, standing, overruled = air.since_s, air.carried_s, air.standing_m, False
+    since = air.since_s
+    carried = air.carried_s
+    standing = air.standing_m
+    overruled = False
     ground = None if disturbance is None else disturbance.ground
     lifts = disturbance is not None and disturbance.free_lift_n > _LIFTING_SHARE * weight_n
     if lifts or air.landed_state == IN_AIR:

@@ -59,7 +59,11 @@ class HoldGains:
 
         With them it ran on into the wall on ArduCopter (slow attitude loop, positions at 10 Hz, no offsets).
         """
-        return self.tilt_lead_s / _TILT_LEAD_SHARE if self.position_1_s >= HoldGains.position_1_s else 0.0
+        return (
+            self.tilt_lead_s / _TILT_LEAD_SHARE
+            if self.position_1_s >= HoldGains.position_1_s
+            else 0.0
+        )
 
 
 FULL = HoldGains()
@@ -134,11 +138,17 @@ def declared_loop(stack: Stack, parameters: Mapping[str, float]) -> AttitudeLoop
         angle = min(parameters.get("ATC_ANG_RLL_P", 4.5), parameters.get("ATC_ANG_PIT_P", 4.5))
         if parameters.get("ATC_RATE_FF_ENAB", 1.0) == 0.0:
             tau += 0.5 / max(angle, 1.0)
-        return AttitudeLoop(tau, _ARDUPILOT_DELAY_S, source=Source.PARAMETERS if known else Source.ASSUMED)
+        return AttitudeLoop(
+            tau, _ARDUPILOT_DELAY_S, source=Source.PARAMETERS if known else Source.ASSUMED
+        )
     if stack is Stack.PX4:
         named = [parameters[name] for name in ("MC_ROLL_P", "MC_PITCH_P") if name in parameters]
         angle = max(min(named, default=_PX4_ANGLE_P), 1.0)
-        return AttitudeLoop(_PX4_LAG_SHARE / angle, _PX4_DELAY_S, source=Source.PARAMETERS if named else Source.ASSUMED)
+        return AttitudeLoop(
+            _PX4_LAG_SHARE / angle,
+            _PX4_DELAY_S,
+            source=Source.PARAMETERS if named else Source.ASSUMED,
+        )
     return AttitudeLoop()
 
 
@@ -159,7 +169,8 @@ def _risen(old: float, new: float) -> float:
 
 def hear_position(timing: Timing, t_s: float, late_s: float) -> Timing:
     """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap is no period."""
-    period, gap_s = timing.position_period_s, t_s - timing.position_s
+    period = timing.position_period_s
+    gap_s = t_s - timing.position_s
     if 0.0 < gap_s <= POSITION_AGE_S:
         period = _risen(period, gap_s)
     late = _risen(timing.position_late_s, min(max(late_s, 0.0), POSITION_AGE_S))
@@ -168,7 +179,8 @@ def hear_position(timing: Timing, t_s: float, late_s: float) -> Timing:
 
 def hear_attitude(timing: Timing, t_s: float) -> Timing:
     """Take in an attitude stamped ``t_s``."""
-    period, gap_s = timing.attitude_period_s, t_s - timing.attitude_s
+    period = timing.attitude_period_s
+    gap_s = t_s - timing.attitude_s
     if 0.0 < gap_s <= ATTITUDE_AGE_S:
         period = _risen(period, gap_s)
     return timing._replace(attitude_period_s=period, attitude_s=t_s)
@@ -193,8 +205,11 @@ def margin_of(response: Frequencies) -> Margin:
     The loop has two integrators and an integral: below the crossover its phase may pass -180 degrees upward, and a
     gain too low is then as unstable as one too high. The smaller of the two distances is the gain margin.
     """
-    size, phase = np.abs(response), np.degrees(np.unwrap(np.angle(response)))
-    phase -= 360.0 * np.ceil(phase[0] / 360.0)  # an integral of an integral of a tilt starts between -360 and 0
+    size = np.abs(response)
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase -= 360.0 * np.ceil(
+        phase[0] / 360.0
+    )  # an integral of an integral of a tilt starts between -360 and 0
     crossings = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     if not len(crossings):
         return Margin(0.0, -180.0)
@@ -232,7 +247,9 @@ def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
     # What is predicted is what was asked for, before lag and delay.
     velocity = plant * late / s + (age_s + CLIMB_LEAD_S) * high_pass
     position = plant * (late / s**2 + age_s * late / s) + 0.5 * age_s**2 * high_pass
-    out: Frequencies = (gains.climb_1_s + gains.climb_integral_1_s2 / s) * (gains.height_1_s * position + velocity)
+    out: Frequencies = (gains.climb_1_s + gains.climb_integral_1_s2 / s) * (
+        gains.height_1_s * position + velocity
+    )
     return out
 
 
@@ -258,7 +275,10 @@ def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
     # A setpoint is held for a period, and the tilt that it was computed from may be a period old.
     extra = max(timing.attitude_period_s - _NOMINAL_PERIOD_S, 0.0)
     rounded = AttitudeLoop(
-        round(loop.tau_s, 3), round(round((loop.delay_s + extra) / step) * step, 4), round(loop.gain, 2), loop.source
+        round(loop.tau_s, 3),
+        round(round((loop.delay_s + extra) / step) * step, 4),
+        round(loop.gain, 2),
+        loop.source,
     )
     age = round(round((timing.position_late_s + 0.5 * timing.position_period_s) / step) * step, 4)
     return _tuned(rounded, age, softer)
@@ -267,8 +287,12 @@ def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
 @lru_cache(maxsize=256)
 def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
     led = replace(FULL, tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s)
-    share, level = _hardest(lambda s: margin_of(horizontal_loop(soften(led, s, 1.0), loop, age_s)), softer)
-    climb_share, vertical = _hardest(lambda s: margin_of(vertical_loop(soften(led, 1.0, s), age_s)), softer)
+    share, level = _hardest(
+        lambda s: margin_of(horizontal_loop(soften(led, s, 1.0), loop, age_s)), softer
+    )
+    climb_share, vertical = _hardest(
+        lambda s: margin_of(vertical_loop(soften(led, 1.0, s), age_s)), softer
+    )
     margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
     return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop)
 
@@ -277,5 +301,7 @@ def _hardest(margin_at: Callable[[float], Margin], softer: float) -> tuple[float
     """The first share that has enough of a margin, else the one with the largest."""
     tried = [(share * softer, margin_at(share * softer)) for share in _SHARES]
     enough = [one for one in tried if one[1].meets(_WANTED)]
-    most = max(tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg))
+    most = max(
+        tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg)
+    )
     return enough[0] if enough else most

@@ -11,7 +11,15 @@ import math
 from typing import NamedTuple
 
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
-from companion.control.position_target import Course, Reference, Target, advance, expected, start_reference, stay
+from companion.control.position_target import (
+    Course,
+    Reference,
+    Target,
+    advance,
+    expected,
+    start_reference,
+    stay,
+)
 from companion.control.wall_guard import WallAhead
 from companion.estimation.vectors import clipped, lagged, minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
@@ -119,12 +127,16 @@ def engage(
     """
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
-    drag_n, drag_e = drag_1_s * motion.velocity[0], drag_1_s * motion.velocity[1]
+    drag_n = drag_1_s * motion.velocity[0]
+    drag_e = drag_1_s * motion.velocity[1]
     integral = _integral(balance[0] - drag_n, balance[1] - drag_e, -up)
-    mean_n, mean_e = integral[0] + drag_n, integral[1] + drag_e
-    rest_n, rest_e = clipped(tilt_n - mean_n, _MOST_LEVEL_M_S2), clipped(tilt_e - mean_e, _MOST_LEVEL_M_S2)
+    mean_n = integral[0] + drag_n
+    mean_e = integral[1] + drag_e
+    rest_n = clipped(tilt_n - mean_n, _MOST_LEVEL_M_S2)
+    rest_e = clipped(tilt_e - mean_e, _MOST_LEVEL_M_S2)
     reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0), lag_s)
-    mean, climb = (tilt_n - rest_n - drag_n, tilt_e - rest_e - drag_e), integral[2]
+    mean = (tilt_n - rest_n - drag_n, tilt_e - rest_e - drag_e)
+    climb = integral[2]
     return Hold(stay(motion.yaw, t_s), reference, integral, t_s, mean, climb, climb, None, drag_1_s)
 
 
@@ -136,8 +148,11 @@ def _integral(north: float, east: float, down: float) -> Vector3:
 
 def settled_target(hold: Hold) -> Target:
     """The place that the hold goes to, at rest there."""
-    old, at = hold.target, hold.reference.position
-    north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
+    old = hold.target
+    at = hold.reference.position
+    north, east, down = (
+        kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True)
+    )
     return replace(old, position=(north, east, down), velocity=_AT_REST)
 
 
@@ -156,7 +171,10 @@ def balanced(hold: Hold, acceleration: Vector3) -> Hold:
 def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
     reference = hold.reference._replace(position=plus(hold.reference.position, by_ned))
-    return hold._replace(reference=reference, target=replace(hold.target, position=plus(hold.target.position, by_ned)))
+    return hold._replace(
+        reference=reference,
+        target=replace(hold.target, position=plus(hold.target.position, by_ned)),
+    )
 
 
 def fly(
@@ -166,11 +184,15 @@ def fly(
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > _GAP_S:
         reference = start_reference(motion.position, motion.velocity, _AT_REST, gains.lag_s)
-        hold, dt = hold._replace(target=settled_target(hold), reference=reference), 0.0
+        hold = hold._replace(target=settled_target(hold), reference=reference)
+        dt = 0.0
     reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
     course = expected(reference, gains.lag_s)
     drag = hold.drag_1_s
-    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = reference.acceleration, reference.shaped_velocity
+    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = (
+        reference.acceleration,
+        reference.shaped_velocity,
+    )
     forward = (forward_n + drag * ahead_n, forward_e + drag * ahead_e, forward_d)
     vn, ve, _ = course.velocity
     share = min(dt / TILT_MEAN_S, 1.0)
@@ -182,7 +204,9 @@ def fly(
     mean_n, mean_e = lagged(hold.tilt_mean, (tilt_n, tilt_e), share)
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, plus(extra, course.acceleration))
+    since = _followed(
+        hold.since, t_s - motion.age_s, motion.age_s, dt, plus(extra, course.acceleration)
+    )
     # Position and velocity now, from the late ones and what has accelerated the vehicle since.
     straight = scaled(motion.velocity, min(motion.age_s, _MAX_PREDICTION_S))
     position = plus(plus(motion.position, straight), since.place)
@@ -207,27 +231,40 @@ def fly(
         # At a limit the error says too much and would wind the integral up; what the tilt is seen to balance does not.
         share = min(dt / _BALANCE_S, 1.0)
         (n, e), (off_n, off_e) = motion.balance, motion.offset
-        integral = _integral(old[0] + (n - off_n - old[0]) * share, old[1] + (e - off_e - old[1]) * share, old[2])
+        integral = _integral(
+            old[0] + (n - off_n - old[0]) * share, old[1] + (e - off_e - old[1]) * share, old[2]
+        )
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
-    return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since, drag), setpoint
+    return Hold(
+        hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since, drag
+    ), setpoint
 
 
 def _slip(
-    course: Course, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
+    course: Course,
+    position: Vector3,
+    velocity: Vector3,
+    extra: Vector3,
+    gains: HoldGains,
+    limits: Limits,
 ) -> Vector3:
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
     north, east, down = minus(course.position, position)
     closing = (north * gains.position_1_s, east * gains.position_1_s, down * gains.height_1_s)
-    missing = minus(plus(within(closing, limits.speed_m_s, limits.climb_m_s), course.velocity), velocity)
+    missing = minus(
+        plus(within(closing, limits.speed_m_s, limits.climb_m_s), course.velocity), velocity
+    )
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
     lead = gains.tilt_lead_s
     return minus(missing, (extra[0] * lead, extra[1] * lead, extra[2] * CLIMB_LEAD_S))
 
 
-def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Vector3) -> Since:
+def _followed(
+    since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Vector3
+) -> Since:
     """One step further from a late position, by what accelerates the vehicle now NED m/s^2.
 
     Between two positions it is summed step by step. The present acceleration over the whole age would be an algebraic
@@ -264,15 +301,20 @@ def _limited(acceleration: Vector3, wall: WallAhead | None) -> tuple[Vector3, bo
 
 def _away_first(north: float, east: float, away: float, wall: WallAhead) -> tuple[float, float]:
     """``away`` of the acceleration leads off the wall: as much of it as the limit allows; along the wall the rest."""
-    along_n, along_e = north + away * wall.north, east + away * wall.east
+    along_n = north + away * wall.north
+    along_e = east + away * wall.east
     limit = _PRESSED_M_S2
     kept = min(away, limit)
     along = math.hypot(along_n, along_e)
-    share = min(math.sqrt(max(limit * limit - kept * kept, 0.0)) / along, 1.0) if along > 0.0 else 0.0
+    share = (
+        min(math.sqrt(max(limit * limit - kept * kept, 0.0)) / along, 1.0) if along > 0.0 else 0.0
+    )
     return along_n * share - kept * wall.north, along_e * share - kept * wall.east
 
 
 def _acceleration_to_tilt(north: float, east: float, yaw: float) -> tuple[float, float]:
-    c, s = math.cos(yaw), math.sin(yaw)
-    forward, right = c * north + s * east, -s * north + c * east
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    forward = c * north + s * east
+    right = -s * north + c * east
     return math.atan2(right, GRAVITY), -math.atan2(forward, GRAVITY)

@@ -61,7 +61,9 @@ def stay(yaw: float, t_s: float) -> Target:
     return Target(_NOWHERE, _AT_REST, yaw, t_s)
 
 
-def read_target(sample: SetPositionTarget, old: Target, position: Vector3, yaw: float) -> Target | None:
+def read_target(
+    sample: SetPositionTarget, old: Target, position: Vector3, yaw: float
+) -> Target | None:
     """The target that a message asks for, or None where its frame is not one of the four.
 
     ``position`` [m] and ``yaw`` [rad] are the vehicle's own; ``old`` gives what the message leaves out. An axis with
@@ -69,18 +71,24 @@ def read_target(sample: SetPositionTarget, old: Target, position: Vector3, yaw: 
     """
     if sample.frame not in _FRAMES:
         return None
-    asked, speed = sample.position, sample.velocity
+    asked = sample.position
+    speed = sample.velocity
     along_nose = sample.frame in _ALONG_NOSE
     if along_nose:
-        asked, speed = _by_heading(asked, yaw), _by_heading(speed, yaw)
+        asked = _by_heading(asked, yaw)
+        speed = _by_heading(speed, yaw)
     if sample.frame != _FRAMES[0]:
         asked = plus(asked, position)
-    north, east, down = (_axis(sample.type_mask, k, asked[k], speed[k], old.position[k]) for k in range(3))
+    north, east, down = (
+        _axis(sample.type_mask, k, asked[k], speed[k], old.position[k]) for k in range(3)
+    )
     heading = old.yaw
     if not sample.type_mask & _IGNORE_YAW and math.isfinite(sample.yaw):
         heading = sample.yaw + (yaw if along_nose else 0.0)
     lasts = min(max(2.5 * (sample.t_s - old.set_s), _TARGET_AGE_S), _VELOCITY_AGE_S)
-    return Target((north[0], east[0], down[0]), (north[1], east[1], down[1]), heading, sample.t_s, lasts)
+    return Target(
+        (north[0], east[0], down[0]), (north[1], east[1], down[1]), heading, sample.t_s, lasts
+    )
 
 
 def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple[float, float]:
@@ -92,7 +100,8 @@ def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple
 
 
 def _by_heading(vector: Vector3, yaw: float) -> Vector3:
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
 
 
@@ -118,7 +127,9 @@ class Reference(NamedTuple):
     """True on a target that moves as the vehicle can: it is followed as it is. Any other is approached."""
 
 
-def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3, lag_s: float = 0.0) -> Reference:
+def start_reference(
+    position: Vector3, velocity: Vector3, acceleration: Vector3, lag_s: float = 0.0
+) -> Reference:
     """Begin where the vehicle is, moving as it moves: what is asked for now is answered ``lag_s`` later."""
     north, east, _ = acceleration
     still = Reference(position, velocity, acceleration, velocity, ((north, east),) * 3)
@@ -136,14 +147,21 @@ def expected(reference: Reference, lag_s: float) -> Course:
     (x, y, z), (u, v, w) = reference.position, reference.velocity
     tau = lag_s / 3.0
     for north, east in reference.answered:
-        u, v = u - tau * north, v - tau * east
-        x, y = x - tau * u, y - tau * v
+        u = u - tau * north
+        v = v - tau * east
+        x = x - tau * u
+        y = y - tau * v
     north, east = reference.answered[2]
     return Course((x, y, z), (u, v, w), (north, east, reference.acceleration[2]))
 
 
 def advance(
-    reference: Reference, target: Target, limits: Limits, t_s: float, dt_s: float, lag_s: float = 0.0
+    reference: Reference,
+    target: Target,
+    limits: Limits,
+    t_s: float,
+    dt_s: float,
+    lag_s: float = 0.0,
 ) -> Reference:
     """The reference ``dt_s`` later: on the target where the vehicle can follow it, else on the way there.
 
@@ -151,12 +169,16 @@ def advance(
     stands alone.
     """
     age = max(t_s - target.set_s, 0.0)
-    alone, beside = age <= target.lasts_s, age <= _TARGET_AGE_S
+    alone = age <= target.lasts_s
+    beside = age <= _TARGET_AGE_S
     speed = within(target.velocity, limits.speed_m_s, limits.climb_m_s)
     # NaN differs from itself: an axis that only a velocity moves.
     x, y, z = target.position
-    free_n, free_e, free_d = x != x, y != y, z != z
-    north, east = speed[0] if (alone if free_n else beside) else 0.0, speed[1] if (alone if free_e else beside) else 0.0
+    free_n = x != x
+    free_e = y != y
+    free_d = z != z
+    north = speed[0] if (alone if free_n else beside) else 0.0
+    east = speed[1] if (alone if free_e else beside) else 0.0
     down = speed[2] if (alone if free_d else beside) else 0.0
     # Between two messages a moving target moves on at its own velocity.
     speed = (north, east, down)
@@ -174,16 +196,23 @@ def advance(
 def _way(start: Vector3, end: Vector3) -> Vector3:
     """From ``start`` to ``end``; 0 in an axis without a place."""
     north, east, down = minus(end, start)
-    return 0.0 if north != north else north, 0.0 if east != east else east, 0.0 if down != down else down
+    return (
+        0.0 if north != north else north,
+        0.0 if east != east else east,
+        0.0 if down != down else down,
+    )
 
 
 def _follows(reference: Reference, to_go: Vector3, speed: Vector3, lag_s: float) -> bool:
     """Whether the target moves as the vehicle can."""
-    slip, moving = _largest(minus(speed, reference.velocity)), _largest(speed) > 0.0
+    slip = _largest(minus(speed, reference.velocity))
+    moving = _largest(speed) > 0.0
     if not reference.following:
         if slip >= _CAUGHT_UP_M_S or _largest(to_go) >= (_CAUGHT_UP_M if moving else _STILL_M):
             return False
-        return _largest(minus(reference.position, expected(reference, lag_s).position)) < _CAUGHT_UP_M
+        return (
+            _largest(minus(reference.position, expected(reference, lag_s).position)) < _CAUGHT_UP_M
+        )
     return slip <= _FOLLOW_M_S and _largest(to_go) <= (_FOLLOW_M if moving else _STILL_M)
 
 
@@ -195,9 +224,18 @@ def _followed(reference: Reference, place: Vector3, speed: Vector3, dt_s: float)
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
     shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, _SHAPE_S
     change_n, change_e, change_d = minus(speed, shaped)
-    north, east, down = change_n / shape_n, change_e / shape_e, change_d / shape_d
+    north = change_n / shape_n
+    east = change_e / shape_e
+    down = change_d / shape_d
     passed = (north * min(dt_s, shape_n), east * min(dt_s, shape_e), down * min(dt_s, shape_d))
-    return Reference(place, speed, (north, east, down), plus(shaped, passed), ((north, east),) * 3, following=True)
+    return Reference(
+        place,
+        speed,
+        (north, east, down),
+        plus(shaped, passed),
+        ((north, east),) * 3,
+        following=True,
+    )
 
 
 def _approached(
@@ -208,18 +246,25 @@ def _approached(
     Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
     which velocity follows the distance.
     """
-    most, jerk, closing = limits.acceleration_m_s2, _JERK_M_S3, _CLOSING_1_S
+    most = limits.acceleration_m_s2
+    jerk = _JERK_M_S3
+    closing = _CLOSING_1_S
     brake = min(0.75 * most, 0.25 * jerk)  # gentle enough for the jerk that braking begins with
     north, east, down = speed
     distance = math.hypot(to_go[0], to_go[1])
     if distance > 1e-9:
         share = _stoppable(distance, closing, brake) / distance
-        north, east = north + to_go[0] * share, east + to_go[1] * share
+        north = north + to_go[0] * share
+        east = east + to_go[1] * share
     down += math.copysign(_stoppable(abs(to_go[2]), closing, brake), to_go[2])
     wanted = within((north, east, down), limits.speed_m_s, limits.climb_m_s)
     slip_n, slip_e, slip_d = minus(wanted, reference.velocity)
     rate = 4.0 * closing
-    demand = (_towards(slip_n, rate, jerk), _towards(slip_e, rate, jerk), _towards(slip_d, rate, jerk))
+    demand = (
+        _towards(slip_n, rate, jerk),
+        _towards(slip_e, rate, jerk),
+        _towards(slip_d, rate, jerk),
+    )
     more_n, more_e, more_d = minus(within(demand, most, most), reference.acceleration)
     step = jerk * dt_s
     change = (clipped(more_n, step), clipped(more_e, step), clipped(more_d, step))

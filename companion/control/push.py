@@ -46,7 +46,8 @@ def modelled_disturbance(
 
     ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
     """
-    vehicle, model = config.vehicle, config.model
+    vehicle = config.vehicle
+    model = config.model
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
     ceiling = Surface(Seen.UNDECLARED)
@@ -58,8 +59,13 @@ def modelled_disturbance(
         ceiling = surface(estimates, config, "ceiling", t_s)
         now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, THRUST_LEAD_S)
         moved = corrected_state(model.effects, now)
-        shift = np.subtract(moved.h_m, now.h_m, out=np.zeros_like(now.h_m), where=np.isfinite(now.h_m))
-        soon, later = (query._replace(h_m=tuple((np.array(query.h_m) + shift).tolist())) for query in (soon, later))
+        shift = np.subtract(
+            moved.h_m, now.h_m, out=np.zeros_like(now.h_m), where=np.isfinite(now.h_m)
+        )
+        soon, later = (
+            query._replace(h_m=tuple((np.array(query.h_m) + shift).tolist()))
+            for query in (soon, later)
+        )
         adopted = adopted_disturbance(model, moved, vehicle, damping_1_s)
     free = model.free_air_now(rpm)
     lift_n, at_fans, pull_change_n, trusts = _by_surrogate(model, soon, later)
@@ -81,7 +87,9 @@ def modelled_disturbance(
     if wall.seen is Seen.SURFACE:
         change = pull_change_n
         if applied is not None and parts is not None:
-            beside_model = applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
+            beside_model = applied.near.pull_change_n(
+                parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m
+            )
             change = applied.shares[1] * change + beside_model
         if adopted is not None:
             change += adopted_pull_change_n(model, moved, vehicle, _STIFFNESS_STEP_M)
@@ -114,14 +122,21 @@ def _by_surrogate(
 
     One query, shape (rows, fans): at the lead of thrust, of tilt, and a step further off walls at that.
     """
-    h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
+    h = [soon.h_m, later.h_m]
+    d = [soon.d_m, later.d_m]
     beside_wall = min(later.d_m) < math.inf
     if beside_wall:
-        h, d = [*h, later.h_m], [*d, tuple([d_m + _STIFFNESS_STEP_M for d_m in later.d_m])]
+        h = [*h, later.h_m]
+        d = [*d, tuple([d_m + _STIFFNESS_STEP_M for d_m in later.d_m])]
     answer = model.query(np.array(h), np.array(d), np.array(soon.rpm))
     pulls = answer.wrench[:, :, 0].sum(axis=1)
     pull_change_n = float(pulls[1] - pulls[2]) if beside_wall else 0.0
-    return answer.wrench[0, :, 2].tolist(), answer.wrench[1].tolist(), pull_change_n, answer.trust[0].tolist()
+    return (
+        answer.wrench[0, :, 2].tolist(),
+        answer.wrench[1].tolist(),
+        pull_change_n,
+        answer.trust[0].tolist(),
+    )
 
 
 def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenches:
@@ -132,9 +147,12 @@ def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenche
     return out
 
 
-def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array) -> Parts:
+def _parts(
+    vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array
+) -> Parts:
     """What adaptation measures by: all but the lift is at the tilt's lead, which is near enough to this instant."""
-    radius, rpm = vehicle.rotor_radius_m, soon.rpm
+    radius = vehicle.rotor_radius_m
+    rpm = soon.rpm
     around = FanPlaces(
         tuple([h / radius for h in soon.h_m]),
         tuple([d / radius for d in soon.d_m]),
@@ -185,13 +203,18 @@ def adopted_disturbance(
     return out
 
 
-def adopted_pull_change_n(model: FanSurrogate, state: AirState, vehicle: Vehicle, step_m: float) -> float:
+def adopted_pull_change_n(
+    model: FanSurrogate, state: AirState, vehicle: Vehicle, step_m: float
+) -> float:
     """By how much the adopted effects pull the vehicle to the wall less, ``step_m`` further off [N]."""
     near, further = (
-        adopted_wrench(model.effects, Context(replace(state, d_m=d_m), vehicle, model), in_flight=True)
+        adopted_wrench(
+            model.effects, Context(replace(state, d_m=d_m), vehicle, model), in_flight=True
+        )
         for d_m in (state.d_m, state.d_m + step_m)
     )
-    change, bearing = near - further, float(state.wall_bearing_rad)
+    change = near - further
+    bearing = float(state.wall_bearing_rad)
     return float(change[0] * math.cos(bearing) + change[1] * math.sin(bearing))
 
 

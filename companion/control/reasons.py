@@ -18,7 +18,9 @@ class Reason(Enum):
     TOO_LATE = "telemetry arrives too late to fly on"
     POSITION_UNTRUSTED = "the autopilot does not trust its own position"
     THRUST_UNKNOWN = "GUID_OPTIONS not read yet: the meaning of thrust is unknown"
-    THRUST_IS_CLIMB_RATE = "GUID_OPTIONS lacks bit 3 (value 8): thrust would be read as a climb rate"
+    THRUST_IS_CLIMB_RATE = (
+        "GUID_OPTIONS lacks bit 3 (value 8): thrust would be read as a climb rate"
+    )
     TYPE_IGNORED = "this MAV_TYPE ignores SET_ATTITUDE_TARGET.thrust on PX4"
     STACK_UNKNOWN = "neither ArduPilot nor PX4"
     UPSTREAM_STALE = "no setpoint from the upstream controller"
@@ -58,7 +60,11 @@ class Notice(Enum):
     """Messages to the pilot beside the state; nothing stops because of them."""
 
     FRAME_REFUSED = "target refused: its frame is none of LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED"
-    LANDED_OVERRULED = "said to be landed, but rotors and ground range say that it flies: the hold goes on"
-    POSITION_DRIFTS = "position drifts against the wall range: watch the wall, be ready to take over"
+    LANDED_OVERRULED = (
+        "said to be landed, but rotors and ground range say that it flies: the hold goes on"
+    )
+    POSITION_DRIFTS = (
+        "position drifts against the wall range: watch the wall, be ready to take over"
+    )
     SOFTENED = "swinging: gains softened, offsets off for now"
     SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"

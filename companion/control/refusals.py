@@ -14,7 +14,13 @@ from companion.control.swing_detector import SWING_LEVELS
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Seen
 from companion.estimation.height_drift import FADE_M_S
-from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
+from companion.mavlink.firmware import (
+    Stack,
+    ThrustMeaning,
+    stack_of,
+    takes_setpoints,
+    thrust_meaning,
+)
 from companion.mavlink.samples import Heartbeat
 from models.lift_ratio import IN_FLIGHT
 from models.surrogate.empty import is_empty
@@ -52,7 +58,9 @@ _KEPT_SHARE = 0.35
 def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Why nothing is sent, or why offsets fade."""
     out: list[Reason] = []
-    estimates, heartbeat, disturbance = state.estimates, state.heartbeat, state.disturbance
+    estimates = state.estimates
+    heartbeat = state.heartbeat
+    disturbance = state.disturbance
     holds = config.base is Base.HOLD
     if heartbeat is None or t_s - heartbeat.t_s > _HEARTBEAT_AGE_S:
         out.append(Reason.NO_HEARTBEAT)
@@ -105,7 +113,9 @@ def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) ->
     return state.upstream is None or t_s - state.upstream.t_s > _UPSTREAM_AGE_S
 
 
-def _autopilot(out: list[Reason], state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig) -> None:
+def _autopilot(
+    out: list[Reason], state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig
+) -> None:
     stack = stack_of(heartbeat)
     if stack is Stack.OTHER:
         out.append(Reason.STACK_UNKNOWN)
@@ -144,7 +154,9 @@ def _hold(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: 
     elif config.carrier is Carrier.ATTITUDE:
         declared = config.vehicle.hover_thrust
         if not is_known(state.hover, t_s, state.parameters, declared):
-            awaited = t_s - state.hover.now_s < HEARD_AGE_S or hover_parameter(state.parameters) is None
+            awaited = (
+                t_s - state.hover.now_s < HEARD_AGE_S or hover_parameter(state.parameters) is None
+            )
             out.append(Reason.HOVER_UNKNOWN if awaited else Reason.HOVER_IMPLAUSIBLE)
 
 

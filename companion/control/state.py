@@ -28,7 +28,10 @@ from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift
 from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
-_NO_BALANCE, _NO_RESPONSE, _NO_AIR, _NO_OFFSETS = Balance(), AttitudeResponse(), Airborne(), Offsets()
+_NO_BALANCE = Balance()
+_NO_RESPONSE = AttitudeResponse()
+_NO_AIR = Airborne()
+_NO_OFFSETS = Offsets()
 
 
 @dataclass(frozen=True)

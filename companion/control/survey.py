@@ -64,11 +64,13 @@ class SurveyLeg:
         x = min(max(t_s / self.move_s, 0.0), 1.0)
         share = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         rate = 30.0 * x * x * (1.0 - x) ** 2 / self.move_s
-        start, way = np.array(self.start), np.subtract(self.end, self.start)
+        start = np.array(self.start)
+        way = np.subtract(self.end, self.start)
         return start + share * way, rate * way
 
 
-_ORIGIN, _NO_AXES = np.zeros(3), np.zeros((2, 3))
+_ORIGIN = np.zeros(3)
+_NO_AXES = np.zeros((2, 3))
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,12 @@ class Survey:
     def as_json(self) -> dict[str, object]:
         """What became of it."""
         flown = len(self.legs) if self.phase is Phase.DONE else self.leg
-        return {"phase": self.phase.name.lower(), "why": self.why, "legs": len(self.legs), "legs_flown": flown}
+        return {
+            "phase": self.phase.name.lower(),
+            "why": self.why,
+            "legs": len(self.legs),
+            "legs_flown": flown,
+        }
 
 
 @dataclass(frozen=True)
@@ -138,12 +145,16 @@ def aborted(survey: Survey, why: str) -> Survey:
     return replace(survey, phase=Phase.ABORTED, why=why) if survey.active else survey
 
 
-def advance(survey: Survey, box: SurveyBox, seen: Whereabouts) -> tuple[Survey, SurveyTarget | None]:
+def advance(
+    survey: Survey, box: SurveyBox, seen: Whereabouts
+) -> tuple[Survey, SurveyTarget | None]:
     """The survey at ``seen.t_s``, and where the hold is to be; None while it has no wish."""
     if survey.phase in (Phase.DONE, Phase.ABORTED):
         return survey, None
     if not seen.engaged:
-        return aborted(survey, "the hold let go") if survey.active else replace(survey, since_s=math.inf), None
+        return aborted(survey, "the hold let go") if survey.active else replace(
+            survey, since_s=math.inf
+        ), None
     if survey.phase is Phase.WAITING:
         survey = replace(survey, since_s=min(survey.since_s, seen.t_s))
         return survey if seen.t_s - survey.since_s < SETTLE_S else _begun(survey, box, seen), None
@@ -184,13 +195,20 @@ def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[SurveyLeg, ...]:
     top of the box, and so on its way home.
     """
     heights = np.geomspace(box.height_min_m, box.height_max_m, HEIGHTS).tolist()
-    distances = np.geomspace(box.wall_min_m, box.wall_max_m, DISTANCES).tolist() if box.with_wall else [here[1]]
+    distances = (
+        np.geomspace(box.wall_min_m, box.wall_max_m, DISTANCES).tolist()
+        if box.with_wall
+        else [here[1]]
+    )
     top = heights[-1]
     stops: list[Stop] = [(top, here[1], 0.0)]
     for distance in reversed(distances):
         stops += [(height, distance, DWELL_S) for height in (*reversed(heights), top)]
     stops += [(top, here[1], 0.0), (*here, DWELL_S)]
-    return _legs((0.0, 0.0), [(height - here[0], distance - here[1], stay_s) for height, distance, stay_s in stops])
+    return _legs(
+        (0.0, 0.0),
+        [(height - here[0], distance - here[1], stay_s) for height, distance, stay_s in stops],
+    )
 
 
 Stop = tuple[float, float, float]

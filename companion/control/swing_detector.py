@@ -63,10 +63,14 @@ def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetect
     dt = t_s - detector.t_s
     if not 0.0 < dt <= 0.5:
         return replace(detector, axes=SwingDetector().axes, t_s=t_s)
-    axes = tuple([_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)])
+    axes = tuple(
+        [_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)]
+    )
     if not any(map(_swings, axes)):
         return replace(detector, axes=axes, t_s=t_s)
-    return SwingDetector(level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s)
+    return SwingDetector(
+        level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s
+    )
 
 
 def calmed(detector: SwingDetector, t_s: float) -> SwingDetector:
@@ -75,7 +79,9 @@ def calmed(detector: SwingDetector, t_s: float) -> SwingDetector:
     A swing that a gust or a busy computer caused does not soften the hold for ever; one of the loop's own comes back
     ever more seldom. Above ``SWING_LEVELS`` the hold has let go, and nothing brings it back but another mode.
     """
-    if not 0 < detector.level <= SWING_LEVELS or t_s - detector.stepped_s < _CALM_S * 2.0 ** (detector.swings - 1):
+    if not 0 < detector.level <= SWING_LEVELS or t_s - detector.stepped_s < _CALM_S * 2.0 ** (
+        detector.swings - 1
+    ):
         return detector
     return replace(detector, level=detector.level - 1, stepped_s=t_s)
 
@@ -98,6 +104,7 @@ def _swings(axis: SwingAxis) -> bool:
     if len(axis.halves) < _HALVES:
         return False
     lengths, peaks = zip(*axis.halves, strict=True)
-    shortest, longest = min(lengths), max(lengths)
+    shortest = min(lengths)
+    longest = max(lengths)
     alike = longest <= _ALIKE * shortest and shortest >= _SHORTEST_S and longest <= _LONGEST_S
     return bool(alike and min(peaks) >= _LEAST_M_S2 and sum(peaks[2:]) >= _KEPT * sum(peaks[:2]))

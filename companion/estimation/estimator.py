@@ -14,7 +14,16 @@ import numpy as np
 from companion.config import PipelineConfig
 from companion.estimation.kalman import Outcome, Track, TrackModel, measure, measure_rate, predict
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
-from companion.estimation.range_doubt import UNREAD, Doubt, OldPlace, Sighting, Why, doubt, jumped, remembered
+from companion.estimation.range_doubt import (
+    UNREAD,
+    Doubt,
+    OldPlace,
+    Sighting,
+    Why,
+    doubt,
+    jumped,
+    remembered,
+)
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     choose_walls,
@@ -48,14 +57,18 @@ RANGE_AGE_S = 0.22
 enough."""
 ROTOR_AGE_S = 0.22
 """The same of a rotor's speed."""
-_RANGE_TRACK = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.10)
+_RANGE_TRACK = TrackModel(
+    acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.10
+)
 _ROTOR_TRACK = TrackModel(
     acceleration_sd=6000.0, initial_rate_sd=2000.0, gate=25.0, restart_after=3, agree_within=400.0
 )
 _RANGE_DELAY_S, _ROTOR_DELAY_S = 0.03, 0.03
 """Age of a reading when it is stamped (a sensor's own averaging)."""
-_RANGE_SIGMA_M, _RANGE_SIGMA_SHARE = 0.01, 0.005
-_VELOCITY_SIGMA_M_S, _ROTOR_SIGMA_RPM = 0.10, 15.0
+_RANGE_SIGMA_M = 0.01
+_RANGE_SIGMA_SHARE = 0.005
+_VELOCITY_SIGMA_M_S = 0.10
+_ROTOR_SIGMA_RPM = 15.0
 _STEP_S = 1.5
 _STOPPED_RPM = 100.0
 """A zero, and what an ESC reports of a rotor that coasts: a tenth of the slowest idle speeds."""
@@ -211,21 +224,33 @@ class Reading(NamedTuple):
 
 def take_range(estimates: Estimates, sample: Range | Ring, config: PipelineConfig) -> Estimates:
     """The surfaces that one message of a range sensor sees."""
-    return take_ring(estimates, sample, config) if isinstance(sample, Ring) else take_beam(estimates, sample, config)
+    return (
+        take_ring(estimates, sample, config)
+        if isinstance(sample, Ring)
+        else take_beam(estimates, sample, config)
+    )
 
 
 def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
     """A range goes to the watched rangefinder that looks the same way; others are ignored, never guessed."""
-    vehicle, rows = config.vehicle, estimates.rows
+    vehicle = config.vehicle
+    rows = estimates.rows
     index = _match(estimates, sample, vehicle)
     if index is None or rows is None or sample.direction_frd is None:
         return estimates
     slant = math.inf if sample.verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
     if sample.verdict not in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
         slant = math.nan
-    target, mount_m = vehicle.watched[index].target, vehicle.watched[index].position_m
-    ground = surface(estimates, config, "ground", sample.t_s).distance_m if target == "wall" else math.inf
-    plane = plane_distance(target, sample.direction_frd, mount_m, slant, np.array(rows), ground, vehicle.rotor_radius_m)
+    target = vehicle.watched[index].target
+    mount_m = vehicle.watched[index].position_m
+    ground = (
+        surface(estimates, config, "ground", sample.t_s).distance_m
+        if target == "wall"
+        else math.inf
+    )
+    plane = plane_distance(
+        target, sample.direction_frd, mount_m, slant, np.array(rows), ground, vehicle.rotor_radius_m
+    )
     north, east, down = plane.normal_ned.tolist()
     reading = Reading(
         sample.t_s, (sample.component, sample.sensor_id), slant, turned(rows, sample.direction_frd),
@@ -239,11 +264,18 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
         return None
     for index, declared in enumerate(vehicle.watched):
         direction = orientation_direction(declared.orientation)
-        if direction is None or dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
+        if (
+            direction is None
+            or dot(direction, sample.direction_frd) < 0.98
+            or declared.target == "none"
+        ):
             continue
         beam = estimates.beams[index]
         # Two sensors that look the same way: the one heard first keeps the place while it speaks.
-        if beam.sensor in (None, (sample.component, sample.sensor_id)) or sample.t_s - beam.heard_s > 1.0:
+        if (
+            beam.sensor in (None, (sample.component, sample.sensor_id))
+            or sample.t_s - beam.heard_s > 1.0
+        ):
             return index
     return None
 
@@ -251,7 +283,9 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
 def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Estimates:
     """The walls that a declared ring sees, one a place; a place without one sees nothing, or is not known."""
     vehicle = config.vehicle
-    places = [k for k, sensor in enumerate(vehicle.watched) if sensor.ring and sensor.target == "wall"][:2]
+    places = [
+        k for k, sensor in enumerate(vehicle.watched) if sensor.ring and sensor.target == "wall"
+    ][:2]
     beams = [estimates.beams[k] for k in places]
     sensor = (sample.component, -1)
     if not places or estimates.rows is None:
@@ -260,7 +294,9 @@ def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Est
         return estimates
     ground = surface(estimates, config, "ground", sample.t_s).distance_m
     view = ring_view(sample, estimates.rows, vehicle.watched[places[0]].position_m, ground, vehicle)
-    for k, old, plane in zip(places, beams, placed(view, [b.normal_ned for b in beams]), strict=True):
+    for k, old, plane in zip(
+        places, beams, placed(view, [b.normal_ned for b in beams]), strict=True
+    ):
         if not plane.same_wall(old.normal_ned):
             old = replace(old, track=None, read=UNREAD, jumped_from=None)
         normal = plane.normal_ned
@@ -269,12 +305,22 @@ def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Est
     return estimates
 
 
-def _read(estimates: Estimates, index: int, beam: BeamTrack, reading: Reading, config: PipelineConfig) -> Estimates:
+def _read(
+    estimates: Estimates, index: int, beam: BeamTrack, reading: Reading, config: PipelineConfig
+) -> Estimates:
     """The estimates after a reading of the watched direction ``index``."""
-    target, near_m = config.vehicle.watched[index].target, NO_MATTER_RADII * config.vehicle.rotor_radius_m
-    t_s, slant, position = reading.t_s, reading.slant_m, estimates.position
-    read, here = beam.read, None
-    if position is not None and abs(t_s - position.t_s) <= _POSITION_NEAR_S and estimates.trust.trusted:
+    target = config.vehicle.watched[index].target
+    near_m = NO_MATTER_RADII * config.vehicle.rotor_radius_m
+    t_s = reading.t_s
+    slant = reading.slant_m
+    position = estimates.position
+    read = beam.read
+    here = None
+    if (
+        position is not None
+        and abs(t_s - position.t_s) <= _POSITION_NEAR_S
+        and estimates.trust.trusted
+    ):
         here = Sighting(slant, position.position_ned, reading.beam_ned)
     if slant == slant:
         # An echo that was lost, a reading that froze: both are seen by the vehicle's own motion.
@@ -292,9 +338,12 @@ def _read(estimates: Estimates, index: int, beam: BeamTrack, reading: Reading, c
 
 def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: float) -> BeamTrack:
     """The beam after a plane that its sensor believes to see. ``here``: where it was read, None where not known."""
-    t_s, before = reading.t_s, beam.track
+    t_s = reading.t_s
+    before = beam.track
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
-    sigma = math.sqrt(reading.sigma_m**2 + (_RANGE_SIGMA_SHARE * reading.slant_m) ** 2 + 0.01**2 / 12.0)
+    sigma = math.sqrt(
+        reading.sigma_m**2 + (_RANGE_SIGMA_SHARE * reading.slant_m) ** 2 + 0.01**2 / 12.0
+    )
     track, outcome = measure(before, _RANGE_TRACK, t_s, reading.distance_m, sigma, _RANGE_DELAY_S)
     if outcome is Outcome.OUTLIER:
         return replace(beam, track=track)
@@ -302,8 +351,14 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
     if here is not None and old is not None:
         old = remembered(old, reading.distance_m, reading.normal_ned, here.position_ned)
     elif here is not None and before is not None and outcome is Outcome.RESTARTED:
-        place = OldPlace(predict(before, _RANGE_TRACK, t_s).value, reading.normal_ned, here.position_ned)
-        old = jumped(place, reading.distance_m, near_m) if before.age(t_s) <= _JUMPS_WITHIN_S else None
+        place = OldPlace(
+            predict(before, _RANGE_TRACK, t_s).value, reading.normal_ned, here.position_ned
+        )
+        old = (
+            jumped(place, reading.distance_m, near_m)
+            if before.age(t_s) <= _JUMPS_WITHIN_S
+            else None
+        )
     return replace(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)
 
 
@@ -313,7 +368,8 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
     A zero of a rotor that was spinning, or while others spin, is a lost frame, not a stopped rotor. Telemetry that
     counts its packets and does not count on repeats an old value. Blade tips beyond the speed of sound are no speed.
     """
-    vehicle, first = config.vehicle, sample.first_esc
+    vehicle = config.vehicle
+    first = sample.first_esc
     spinning = [first + k for k, rpm in enumerate(sample.rpm) if abs(rpm) > _SPINNING_RPM]
     places = _rotor_places(vehicle)
     some_spin = any(esc in places for esc in spinning)
@@ -326,7 +382,9 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
             continue
         for k in places.get(first + slot, ()):
             if rpm >= _STOPPED_RPM or not (some_spin or _spun(rotors[k], sample.t_s)):
-                rotors[k], _ = measure(rotors[k], _ROTOR_TRACK, sample.t_s, rpm, _ROTOR_SIGMA_RPM, _ROTOR_DELAY_S)
+                rotors[k], _ = measure(
+                    rotors[k], _ROTOR_TRACK, sample.t_s, rpm, _ROTOR_SIGMA_RPM, _ROTOR_DELAY_S
+                )
     undeclared = vehicle.telemetered and any(esc not in places for esc in spinning)
     undeclared_s = sample.t_s if undeclared else estimates.undeclared_s
     estimates = replace(estimates, rotors=tuple(rotors), packets=packets, undeclared_s=undeclared_s)
@@ -352,7 +410,8 @@ def _counted(estimates: Estimates, sample: RotorSpeeds) -> tuple[Mapping[int, Pa
     """Packets so far, and which places of ``sample`` repeat an old value: of counters that are known to count."""
     if sample.count is None:
         return estimates.packets, [False] * len(sample.rpm)
-    counts, repeated = dict(estimates.packets), []
+    counts = dict(estimates.packets)
+    repeated = []
     for k, count in enumerate(sample.count):
         before = counts.get(sample.first_esc + k)
         moves = before is not None and (before.moves or count != before.count)
@@ -400,21 +459,27 @@ def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Sur
         return seen[0], Surface(Seen.UNDECLARED)
     up = (0.0, 0.0, -1.0)
     chosen = choose_walls(
-        [one.distance_m for one in seen], [up if one.normal_ned is None else one.normal_ned for one in seen]
+        [one.distance_m for one in seen],
+        [up if one.normal_ned is None else one.normal_ned for one in seen],
     )
-    first, second = int(chosen.first), int(chosen.second)
+    first = int(chosen.first)
+    second = int(chosen.second)
     return (
         seen[first] if first >= 0 else Surface(Seen.NOTHING),
         seen[second] if second >= 0 else Surface(Seen.NOTHING),
     )
 
 
-def _seen_by(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> list[Surface]:
+def _seen_by(
+    estimates: Estimates, config: PipelineConfig, target: str, t_s: float
+) -> list[Surface]:
     """What every beam that looks at ``target`` sees; an undeclared one that was never heard is not there."""
     declared = sum(2 if sensor.ring else 1 for sensor in config.vehicle.rangefinders)
     return [
         _beam_surface(beam, config, t_s)
-        for k, (sensor, beam) in enumerate(zip(config.vehicle.watched, estimates.beams, strict=True))
+        for k, (sensor, beam) in enumerate(
+            zip(config.vehicle.watched, estimates.beams, strict=True)
+        )
         if sensor.target == target and (k < declared or beam.heard_s > -math.inf)
     ]
 
@@ -451,7 +516,12 @@ class FanQuery(NamedTuple):
 
 
 def fan_query(
-    vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Rows, rpm: tuple[float, ...], lead_s: float
+    vehicle: Vehicle,
+    ground: Surface,
+    wall: Surface,
+    rotation: Rows,
+    rpm: tuple[float, ...],
+    lead_s: float,
 ) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
     h = [math.inf] * len(vehicle.fans)
@@ -461,7 +531,9 @@ def fan_query(
     return FanQuery(tuple(h), tuple(d), rpm, bearing)
 
 
-def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float) -> tuple[list[float], float]:
+def lips_to_wall(
+    vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float
+) -> tuple[list[float], float]:
     """Outer lip of every fan to a wall [m], ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
     if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
         return [math.inf] * len(vehicle.fans), 0.0
@@ -469,7 +541,9 @@ def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float)
     return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)
 
 
-def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[float, ...] | None:
+def rotor_speeds(
+    estimates: Estimates, config: PipelineConfig, t_s: float
+) -> tuple[float, ...] | None:
     """Rotor speeds [rpm], of every rotor, at ``t_s``, or None where any is missing or too old."""
     if not config.vehicle.telemetered:
         fresh = estimates.servo is not None and t_s - estimates.servo.t_s <= ROTOR_AGE_S

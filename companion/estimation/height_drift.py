@@ -99,41 +99,64 @@ def hear(drift: HeightDrift, sample: LocalPosition) -> tuple[HeightDrift, LocalP
     """One position of the autopilot, and the same as it is flown by."""
     (north, east, down), (vn, ve, vd) = sample.position_ned, sample.velocity_ned
     before_s, before_m, before_m_s = drift.down
-    dt, marks, correction, sunk = sample.t_s - before_s, drift.marks, drift.correction_m, drift.sunk_m
+    dt = sample.t_s - before_s
+    marks = drift.marks
+    correction = drift.correction_m
+    sunk = drift.sunk_m
     if 0.0 < dt <= _NEXT_S:
         moved = 0.5 * (vd + before_m_s) * dt
         sunk += moved
         leap = down - before_m - moved
-        if abs(leap) > _STEP_M:  # the estimator set its height anew: what it takes back needs no correction any more
+        if (
+            abs(leap) > _STEP_M
+        ):  # the estimator set its height anew: what it takes back needs no correction any more
             marks = ()
             if drift.drifts or leap * correction > 0.0:
-                correction -= leap if drift.drifts else math.copysign(min(abs(leap), abs(correction)), leap)
+                correction -= (
+                    leap if drift.drifts else math.copysign(min(abs(leap), abs(correction)), leap)
+                )
     elif marks:
         marks = ()
-    drift = replace(drift, marks=marks, correction_m=correction, sunk_m=sunk, down=(sample.t_s, down, vd))
+    drift = replace(
+        drift, marks=marks, correction_m=correction, sunk_m=sunk, down=(sample.t_s, down, vd)
+    )
     if correction == 0.0 and drift.velocity_m_s == 0.0:
         return drift, sample
-    place, velocity = (north, east, down + correction), (vn, ve, vd + drift.velocity_m_s)
+    place = (north, east, down + correction)
+    velocity = (vn, ve, vd + drift.velocity_m_s)
     return drift, dataclasses.replace(sample, position_ned=place, velocity_ned=velocity)
 
 
 def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> HeightDrift:
     """Compare the ground range with the newest position; ``position`` as flown by, at the same instant."""
     if ground.seen is Seen.FROZEN and drift.reading_m == drift.reading_m:
-        return replace(NO_DRIFT, correction_m=drift.changed_correction_m, sunk_m=drift.sunk_m, down=drift.down)
+        return replace(
+            NO_DRIFT, correction_m=drift.changed_correction_m, sunk_m=drift.sunk_m, down=drift.down
+        )
     if ground.seen is Seen.SURFACE and ground.slant_m != drift.reading_m:
         drift = replace(drift, reading_m=ground.slant_m, changed_correction_m=drift.correction_m)
-    t_s, marks = position.t_s, drift.marks
+    t_s = position.t_s
+    marks = drift.marks
     (north, east, _), (vn, ve, _) = position.position_ned, position.velocity_ned
-    if ground.seen is not Seen.SURFACE or ground.distance_m > LOW_M or math.hypot(vn, ve) > _MOVES_M_S:
-        return replace(drift, marks=(), compared_s=t_s) if marks else drift  # the correction stays as it is
+    if (
+        ground.seen is not Seen.SURFACE
+        or ground.distance_m > LOW_M
+        or math.hypot(vn, ve) > _MOVES_M_S
+    ):
+        return (
+            replace(drift, marks=(), compared_s=t_s) if marks else drift
+        )  # the correction stays as it is
     height = ground.distance_m
     level = height + drift.down[1]
     now = Mark(t_s, level, level + drift.correction_m, height + drift.sunk_m, north, east, height)
     if marks and ground.stepped_s > marks[0].t_s:
         marks = ()
     if drift.drifts:
-        drift = _followed(drift, now) if marks else replace(drift, level_m=now.ground_m + drift.correction_m)
+        drift = (
+            _followed(drift, now)
+            if marks
+            else replace(drift, level_m=now.ground_m + drift.correction_m)
+        )
     drift = replace(drift, compared_s=t_s)
     if marks and t_s - marks[-1].t_s < _MARK_S - 1e-6:
         return drift
@@ -147,9 +170,14 @@ def _noticed(drift: HeightDrift) -> HeightDrift:
     for length in _WINDOWS:
         if len(marks) <= length:
             break
-        first, half, last = marks[-1 - length], marks[-1 - length // 2], marks[-1]
-        change, early = last.corrected_m - first.corrected_m, half.corrected_m - first.corrected_m
-        travel = max(math.hypot(m.north_m - last.north_m, m.east_m - last.east_m) for m in (first, half))
+        first = marks[-1 - length]
+        half = marks[-1 - length // 2]
+        last = marks[-1]
+        change = last.corrected_m - first.corrected_m
+        early = half.corrected_m - first.corrected_m
+        travel = max(
+            math.hypot(m.north_m - last.north_m, m.east_m - last.east_m) for m in (first, half)
+        )
         climb = max(abs(m.height_m - last.height_m) for m in (first, half))
         if abs(change) < _LEAST_M + _SLOPE * travel + _RANGE_SCALE * climb:
             continue
@@ -186,9 +214,12 @@ def _calmed(drift: HeightDrift) -> HeightDrift:
     marks = drift.marks
     if len(marks) <= _RATE_MARKS:
         return drift
-    first, last = marks[-1 - _RATE_MARKS], marks[-1]
+    first = marks[-1 - _RATE_MARKS]
+    last = marks[-1]
     rate = -(last.ground_m - first.ground_m) / (last.t_s - first.t_s)
     since = min(drift.calm_since_s, last.t_s) if abs(rate) < _CALM_M_S else math.inf
     if last.t_s - since >= _CALM_S:
-        return replace(drift, since_s=math.inf, rate_m_s=0.0, velocity_m_s=0.0, calm_since_s=math.inf)
+        return replace(
+            drift, since_s=math.inf, rate_m_s=0.0, velocity_m_s=0.0, calm_since_s=math.inf
+        )
     return replace(drift, rate_m_s=rate, calm_since_s=since)

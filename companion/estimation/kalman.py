@@ -78,23 +78,34 @@ def predict(track: Track, model: TrackModel, t_s: float) -> Track:
         return track
     q = model.acceleration_sd * model.acceleration_sd * dt * dt
     _, value, rate, p11, p12, p22 = track[:6]
-    p11, p12, p22 = p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt, p12 + dt * p22 + 0.5 * q * dt, p22 + q
+    p11 = p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt
+    p12 = p12 + dt * p22 + 0.5 * q * dt
+    p22 = p22 + q
     return Track(t_s, value + dt * rate, rate, p11, p12, p22, *track[6:])
 
 
-def update(track: Track, measured: float, variance: float, on_value: float, on_rate: float) -> Track:
+def update(
+    track: Track, measured: float, variance: float, on_value: float, on_rate: float
+) -> Track:
     """The track after ``measured`` = on_value * value + on_rate * rate + noise of ``variance``.
 
     Joseph's form of the covariance, (1 - K h) P (1 - K h)' + R K K', stays symmetric and positive for any gain.
     """
     t_s, value, rate, p11, p12, p22 = track[:6]
-    ph1, ph2 = p11 * on_value + p12 * on_rate, p12 * on_value + p22 * on_rate
+    ph1 = p11 * on_value + p12 * on_rate
+    ph2 = p12 * on_value + p22 * on_rate
     total = on_value * ph1 + on_rate * ph2 + variance
-    k1, k2 = ph1 / total, ph2 / total
+    k1 = ph1 / total
+    k2 = ph2 / total
     innovation = measured - (on_value * value + on_rate * rate)
-    a11, a12, a21, a22 = 1.0 - k1 * on_value, -k1 * on_rate, -k2 * on_value, 1.0 - k2 * on_rate
-    b11, b12 = a11 * p11 + a12 * p12, a11 * p12 + a12 * p22
-    b21, b22 = a21 * p11 + a22 * p12, a21 * p12 + a22 * p22
+    a11 = 1.0 - k1 * on_value
+    a12 = -k1 * on_rate
+    a21 = -k2 * on_value
+    a22 = 1.0 - k2 * on_rate
+    b11 = a11 * p11 + a12 * p12
+    b12 = a11 * p12 + a12 * p22
+    b21 = a21 * p11 + a22 * p12
+    b22 = a21 * p12 + a22 * p22
     p11 = b11 * a11 + b12 * a12 + variance * k1 * k1
     p12 = b11 * a21 + b12 * a22 + variance * k1 * k2
     p22 = b21 * a21 + b22 * a22 + variance * k2 * k2
@@ -107,7 +118,12 @@ def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
 
 
 def measure(
-    track: Track | None, model: TrackModel, t_s: float, value: float, sigma: float, delay_s: float = 0.0
+    track: Track | None,
+    model: TrackModel,
+    t_s: float,
+    value: float,
+    sigma: float,
+    delay_s: float = 0.0,
 ) -> tuple[Track | None, Outcome]:
     """Take in a measurement stamped ``t_s`` of the value ``delay_s`` earlier. A NaN never reaches the filter."""
     if not (math.isfinite(value) and math.isfinite(sigma) and math.isfinite(t_s)):
@@ -118,10 +134,17 @@ def measure(
         return track, Outcome.UNUSABLE
     ahead = predict(track, model, t_s)
     innovation = value - (ahead.value - delay_s * ahead.rate)
-    spread = ahead.value_variance - delay_s * (2.0 * ahead.covariance - delay_s * ahead.rate_variance) + sigma * sigma
+    spread = (
+        ahead.value_variance
+        - delay_s * (2.0 * ahead.covariance - delay_s * ahead.rate_variance)
+        + sigma * sigma
+    )
     if innovation * innovation > model.gate * spread:
         outliers = (*track.outliers, value)[-model.restart_after :]
-        if len(outliers) == model.restart_after and max(outliers) - min(outliers) <= model.agree_within:
+        if (
+            len(outliers) == model.restart_after
+            and max(outliers) - min(outliers) <= model.agree_within
+        ):
             return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Outcome.RESTARTED
         return ahead._replace(outliers=outliers), Outcome.OUTLIER
     seen = update(ahead, value, sigma * sigma, 1.0, -delay_s)

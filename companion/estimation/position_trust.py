@@ -9,10 +9,18 @@ from companion.mavlink.samples import EstimatorStatus, LocalPosition
 from models.vehicle import Vector3
 
 # EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS (MAVLink common, ardupilotmega) agree in these.
-_ATTITUDE, _VELOCITY_HORIZONTAL, _VELOCITY_VERTICAL = 1, 2, 4
-_POSITION_RELATIVE, _POSITION_ABSOLUTE, _HEIGHT_ABSOLUTE, _HEIGHT_OVER_GROUND = 8, 16, 32, 64
+_ATTITUDE = 1
+_VELOCITY_HORIZONTAL = 2
+_VELOCITY_VERTICAL = 4
+_POSITION_RELATIVE = 8
+_POSITION_ABSOLUTE = 16
+_HEIGHT_ABSOLUTE = 32
+_HEIGHT_OVER_GROUND = 64
 _NO_POSITION_AIDING = 128  # CONST_POS_MODE: the estimator assumes that the vehicle stands still
-_UNINITIALISED, _GPS_GLITCHING = 1024, 32768  # ArduPilot's; 1024 is GPS_GLITCH on PX4, which comes and goes in flight
+_UNINITIALISED, _GPS_GLITCHING = (
+    1024,
+    32768,
+)  # ArduPilot's; 1024 is GPS_GLITCH on PX4, which comes and goes in flight
 _NEEDED = _ATTITUDE | _VELOCITY_HORIZONTAL | _VELOCITY_VERTICAL
 _GROWTH = 4.0
 """PX4 sends a dead-reckoned position for 5 s before it clears its flags; its accuracy grows from the first second."""
@@ -49,7 +57,8 @@ class PositionTrust:
 
 
 def _trusted(status: EstimatorStatus, best_accuracy_m: float) -> bool:
-    flags, ardupilot = status.flags, status.source == "EKF_STATUS_REPORT"
+    flags = status.flags
+    ardupilot = status.source == "EKF_STATUS_REPORT"
     if flags & _NEEDED != _NEEDED or flags & _NO_POSITION_AIDING:
         return False
     if not flags & (_POSITION_RELATIVE | _POSITION_ABSOLUTE):
@@ -78,7 +87,11 @@ def position_reset(before: LocalPosition, after: LocalPosition) -> PositionReset
     jump = [
         p1 - p0 - 0.5 * (v0 + v1) * dt
         for p0, p1, v0, v1 in zip(
-            before.position_ned, after.position_ned, before.velocity_ned, after.velocity_ned, strict=True
+            before.position_ned,
+            after.position_ned,
+            before.velocity_ned,
+            after.velocity_ned,
+            strict=True,
         )
     ]
     if math.hypot(*jump) <= _RESET_M + _RESET_M_S * dt:

@@ -72,7 +72,8 @@ UNREAD = Doubt(None, None, None)
 def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
     """The doubt about reading ``here`` after ``before``. Only surfaces nearer than ``near_m`` are looked at, and of a
     ground that is used further away, whether its reading is frozen."""
-    last, run = before.sight, before.same_since
+    last = before.sight
+    run = before.same_since
     if (
         last is not None
         and last.slant_m < near_m < here.slant_m - last.slant_m
@@ -92,11 +93,16 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
 
 def _left(last: Sighting, here: Sighting, near_m: float, target: str) -> bool:
     """Whether the vehicle's own motion explains that a near surface is out of sight."""
-    moved, beam = minus(here.position_ned, last.position_ned), last.beam_ned
+    moved = minus(here.position_ned, last.position_ned)
+    beam = last.beam_ned
     away = -dot(moved, beam)
     aside = math.hypot(*plus(moved, scaled(beam, away)))
     turned = dot(here.beam_ned, beam) < _TURNED_COS
-    return turned or last.slant_m + away > near_m or aside > (_OVER_EDGE_M if target == "ground" else PAST_EDGE_M)
+    return (
+        turned
+        or last.slant_m + away > near_m
+        or aside > (_OVER_EDGE_M if target == "ground" else PAST_EDGE_M)
+    )
 
 
 class OldPlace(NamedTuple):
@@ -113,7 +119,9 @@ def jumped(old: OldPlace, distance_m: float, near_m: float) -> OldPlace | None:
     return old if near and abs(distance_m - old.distance_m) > _JUMP_M else None
 
 
-def remembered(old: OldPlace, distance_m: float, normal_ned: Vector3, position_ned: Vector3) -> OldPlace | None:
+def remembered(
+    old: OldPlace, distance_m: float, normal_ned: Vector3, position_ned: Vector3
+) -> OldPlace | None:
     """``old`` until the reading is back, or the vehicle has moved along the surface or turned."""
     moved = minus(position_ned, old.position_ned)
     nearer = dot(moved, old.normal_ned)

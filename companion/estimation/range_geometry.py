@@ -113,7 +113,8 @@ def choose_walls(distances_m: ArrayLike, normals_ned: ArrayLike) -> Walls:
 
     ``distances_m`` (beams, ...) of the CG and ``normals_ned`` (beams, ..., 3), as ``plane_distance`` gives them.
     """
-    d, normals = np.asarray(distances_m, dtype=float), np.asarray(normals_ned, dtype=float)
+    d = np.asarray(distances_m, dtype=float)
+    normals = np.asarray(normals_ned, dtype=float)
     bearings = np.arctan2(normals[..., 1], normals[..., 0])
     known = ~np.isnan(d).any(axis=0)
     reach = np.where(np.isfinite(d) & known, d, np.inf)
@@ -138,7 +139,10 @@ def fan_heights(vehicle: Vehicle, height_cg_m: ArrayLike, rotation: Array) -> Ar
 def fan_heights_now(vehicle: Vehicle, height_cg_m: float, rotation: Rows) -> list[float]:
     """``fan_heights`` of one instant in plain floats."""
     a, b, c = rotation[2]
-    return [max(height_cg_m - (a * x + b * y + c * z), 0.0) for x, y, z in (fan.position_m for fan in vehicle.fans)]
+    return [
+        max(height_cg_m - (a * x + b * y + c * z), 0.0)
+        for x, y, z in (fan.position_m for fan in vehicle.fans)
+    ]
 
 
 def fan_ceilings(vehicle: Vehicle, ceiling_cg_m: ArrayLike, rotation: Array) -> Array:
@@ -147,10 +151,16 @@ def fan_ceilings(vehicle: Vehicle, ceiling_cg_m: ArrayLike, rotation: Array) -> 
     return np.asarray(np.maximum(np.asarray(ceiling_cg_m, dtype=float)[..., None] + below, 0.0))
 
 
-def fan_wall_distances(vehicle: Vehicle, wall_cg_m: ArrayLike, normal_ned: Array, rotation: Array) -> Array:
+def fan_wall_distances(
+    vehicle: Vehicle, wall_cg_m: ArrayLike, normal_ned: Array, rotation: Array
+) -> Array:
     """Outer lip to wall [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
     toward = np.einsum("...i,...ij->...j", normal_ned, rotation) @ vehicle.fan_positions_m.T
-    return np.asarray(np.maximum(np.asarray(wall_cg_m, dtype=float)[..., None] - toward - vehicle.lip_radii_m, 0.0))
+    return np.asarray(
+        np.maximum(
+            np.asarray(wall_cg_m, dtype=float)[..., None] - toward - vehicle.lip_radii_m, 0.0
+        )
+    )
 
 
 def fan_wall_distances_now(
@@ -159,7 +169,9 @@ def fan_wall_distances_now(
     """``fan_wall_distances`` and ``wall_bearing`` of one instant in plain floats."""
     north, east, down = normal_ned
     (a, b, c), (d, e, f), (g, h, i) = rotation
-    x, y, z = north * a + east * d + down * g, north * b + east * e + down * h, north * c + east * f + down * i
+    x = north * a + east * d + down * g
+    y = north * b + east * e + down * h
+    z = north * c + east * f + down * i
     lips = []
     for fan in vehicle.fans:
         px, py, pz = fan.position_m

@@ -55,7 +55,9 @@ class _Return(NamedTuple):
 
     def off(self, bearing_rad: float, distance_m: float) -> float:
         """Distance from the line at ``distance_m`` towards ``bearing_rad`` [m], above 0 where beyond."""
-        return self.north_m * math.cos(bearing_rad) + self.east_m * math.sin(bearing_rad) - distance_m
+        return (
+            self.north_m * math.cos(bearing_rad) + self.east_m * math.sin(bearing_rad) - distance_m
+        )
 
     @property
     def tolerance_m(self) -> float:
@@ -74,7 +76,10 @@ class RingPlane(NamedTuple):
 
     def same_wall(self, normal_ned: Vector3 | None) -> bool:
         """Whether a wall seen before in direction ``normal_ned`` may be this one."""
-        return normal_ned is not None and _apart(_bearing(self.normal_ned), _bearing(normal_ned)) <= ANOTHER_WALL_RAD
+        return (
+            normal_ned is not None
+            and _apart(_bearing(self.normal_ned), _bearing(normal_ned)) <= ANOTHER_WALL_RAD
+        )
 
 
 class RingView(NamedTuple):
@@ -96,13 +101,16 @@ class RingView(NamedTuple):
         return known > blind
 
 
-def ring_view(ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehicle: Vehicle) -> RingView:
+def ring_view(
+    ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehicle: Vehicle
+) -> RingView:
     """What a ring at ``mount_m`` (FRD) sees; ``rows`` FRD -> NED, ``height_cg_m`` over ground (inf, NaN: not known).
 
     Directions that are unknown, meet the ground or the vehicle's own parts, or point up or down are blind.
     """
     lever = turned(rows, mount_m)
-    far, near = FAR_RADII * vehicle.rotor_radius_m, NO_MATTER_RADII * vehicle.rotor_radius_m
+    far = FAR_RADII * vehicle.rotor_radius_m
+    near = NO_MATTER_RADII * vehicle.rotor_radius_m
     outline = _outline(vehicle)
     returns: list[_Return] = []
     known: list[float] = []
@@ -114,7 +122,12 @@ def ring_view(ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehi
         north, east, down = plus(lever, scaled(beam, slant))
         met_ground = down > height_cg_m - GROUND_MARGIN_M - _GROUND_MARGIN_SHARE * slant
         inclined = math.hypot(beam[0], beam[1]) < math.cos(MAX_INCIDENCE_RAD)
-        if slant != slant or inclined or _own(rows, (north, east, down), outline) or (met_ground and slant < near):
+        if (
+            slant != slant
+            or inclined
+            or _own(rows, (north, east, down), outline)
+            or (met_ground and slant < near)
+        ):
             blind.append(toward)
             continue
         known.append(toward)
@@ -132,9 +145,15 @@ def _planes(returns: list[_Return], fine: bool) -> tuple[RingPlane, ...]:
         bearing, distance, count = _line(nearest, returns)
         normal = (math.cos(bearing), math.sin(bearing), 0.0)
         plane = RingPlane(distance, normal, nearest.slant_m)
-        if not (fine and count < 2) and not any(plane.same_wall(other.normal_ned) for other in found):
+        if not (fine and count < 2) and not any(
+            plane.same_wall(other.normal_ned) for other in found
+        ):
             found.append(plane)
-        returns = [r for r in returns if r is not nearest and abs(r.off(bearing, distance)) > 2.0 * r.tolerance_m]
+        returns = [
+            r
+            for r in returns
+            if r is not nearest and abs(r.off(bearing, distance)) > 2.0 * r.tolerance_m
+        ]
     return tuple(found)
 
 
@@ -151,13 +170,17 @@ def _line(nearest: _Return, returns: Sequence[_Return]) -> tuple[float, float, i
         left = [r for aside, r in close if -window <= aside <= 0.0]
         right = [r for aside, r in close if 0.0 <= aside <= window]
         for choices in ((both,), (left, right)):
-            lines = [line for points in choices if (line := _fitted(points, toward, turn)) is not None]
+            lines = [
+                line for points in choices if (line := _fitted(points, toward, turn)) is not None
+            ]
             if lines:
                 return min(lines)[1:]
     return toward, nearest.off(toward, 0.0), 1
 
 
-def _fitted(points: Sequence[_Return], toward_rad: float, turn_rad: float) -> tuple[float, float, float, int] | None:
+def _fitted(
+    points: Sequence[_Return], toward_rad: float, turn_rad: float
+) -> tuple[float, float, float, int] | None:
     """Line of total least squares: mean slant, bearing, distance and number of points.
 
     None where the points lie on no line, or it is turned too far from ``toward_rad``: its nearest part would be seen
@@ -166,15 +189,19 @@ def _fitted(points: Sequence[_Return], toward_rad: float, turn_rad: float) -> tu
     count = len(points)
     if count < 2:
         return None
-    north, east = sum(p.north_m for p in points) / count, sum(p.east_m for p in points) / count
+    north = sum(p.north_m for p in points) / count
+    east = sum(p.east_m for p in points) / count
     nn = sum((p.north_m - north) ** 2 for p in points)
     ee = sum((p.east_m - east) ** 2 for p in points)
     ne = sum((p.north_m - north) * (p.east_m - east) for p in points)
     bearing = 0.5 * math.atan2(2.0 * ne, nn - ee) + 0.5 * math.pi
     distance = north * math.cos(bearing) + east * math.sin(bearing)
     if distance < 0.0:
-        bearing, distance = bearing + math.pi, -distance
-    if _apart(bearing, toward_rad) > turn_rad or any(abs(p.off(bearing, distance)) > p.tolerance_m for p in points):
+        bearing = bearing + math.pi
+        distance = -distance
+    if _apart(bearing, toward_rad) > turn_rad or any(
+        abs(p.off(bearing, distance)) > p.tolerance_m for p in points
+    ):
         return None
     return sum(p.slant_m for p in points) / count, bearing, distance, count
 
@@ -185,7 +212,12 @@ def _outline(vehicle: Vehicle) -> tuple[Vector3, ...]:
     around = [math.radians(10.0 * k) for k in range(36)]
     fans = [(*fan.position_m[:2], fan.lip_radius_m) for fan in vehicle.fans]
     return tuple(
-        (math.cos(a), math.sin(a), max(x * math.cos(a) + y * math.sin(a) + lip for x, y, lip in fans)) for a in around
+        (
+            math.cos(a),
+            math.sin(a),
+            max(x * math.cos(a) + y * math.sin(a) + lip for x, y, lip in fans),
+        )
+        for a in around
     )
 
 
@@ -198,7 +230,10 @@ def _own(rows: Rows, place_ned: Vector3, outline: Sequence[Vector3]) -> bool:
 def placed(view: RingView, before: Sequence[Vector3 | None]) -> list[RingPlane]:
     """What is seen at each place: the wall in the direction where one was seen ``before``, new ones in free places."""
     reaches = [math.inf if view.sees(old) else math.nan for old in before]
-    out = [RingPlane(reach, old or (1.0, 0.0, 0.0), reach) for reach, old in zip(reaches, before, strict=True)]
+    out = [
+        RingPlane(reach, old or (1.0, 0.0, 0.0), reach)
+        for reach, old in zip(reaches, before, strict=True)
+    ]
     free = list(range(len(before)))
     for plane in sorted(view.planes, key=lambda p: not any(map(p.same_wall, before))):
         place = min(free, key=lambda k: (not plane.same_wall(before[k]), before[k] is not None))

@@ -35,7 +35,11 @@ def turned(rows: Rows, a: Vector3) -> Vector3:
     """``a`` in the frame that the rotation ``rows`` leads to."""
     (r, s, t), (u, v, w), (x, y, z) = rows
     north, east, down = a
-    return r * north + s * east + t * down, u * north + v * east + w * down, x * north + y * east + z * down
+    return (
+        r * north + s * east + t * down,
+        u * north + v * east + w * down,
+        x * north + y * east + z * down,
+    )
 
 
 def within(vector: Vector3, level: float, vertical: float) -> Vector3:
@@ -44,7 +48,8 @@ def within(vector: Vector3, level: float, vertical: float) -> Vector3:
     size = math.hypot(north, east)
     if size > level:
         share = level / size
-        north, east = north * share, east * share
+        north = north * share
+        east = east * share
     return north, east, -vertical if down < -vertical else vertical if down > vertical else down
 
 

@@ -41,7 +41,9 @@ class WallDrift(NamedTuple):
 NO_WALL_DRIFT = WallDrift()
 
 
-def compare_wall(before: WallDrift, wall: Surface, position: LocalPosition, near_m: float, reset_s: float) -> WallDrift:
+def compare_wall(
+    before: WallDrift, wall: Surface, position: LocalPosition, near_m: float, reset_s: float
+) -> WallDrift:
     """One position and the wall at the same instant; ``reset_s``: when the estimator last set its position anew."""
     if wall.seen is not Seen.SURFACE or wall.normal_ned is None or wall.distance_m > near_m:
         return NO_WALL_DRIFT
@@ -55,8 +57,12 @@ def compare_wall(before: WallDrift, wall: Surface, position: LocalPosition, near
     along = math.sqrt(max(moved[0] * moved[0] + moved[1] * moved[1] - toward * toward, 0.0))
     change = wall.distance_m - before.distance_m + toward
     if before.t_s < reset_s <= now.t_s:  # a leap of the frame, known as such
-        change, along = 0.0, 0.0
+        change = 0.0
+        along = 0.0
     kept = max(1.0 - dt / _T_S, 0.0)
-    apart, travel = before.apart_m * kept + change, before.travel_m * kept + along
+    apart = before.apart_m * kept + change
+    travel = before.travel_m * kept + along
     most = _LEAST_M + _SLOPE * travel
-    return now._replace(apart_m=apart, travel_m=travel, drifts=abs(apart) > (0.5 * most if before.drifts else most))
+    return now._replace(
+        apart_m=apart, travel_m=travel, drifts=abs(apart) > (0.5 * most if before.drifts else most)
+    )

@@ -26,11 +26,15 @@ import numpy as np
 
 from companion.mavlink import AUTOPILOT_COMPONENT
 
-_WINDOW_US = 2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
+_WINDOW_US = (
+    2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
+)
 _BACK_US = 1_000_000  # samples are stamped up to some 0.3 s before they are sent, in any order
 _BEHIND_US = 100_000  # less is lateness of the answer
 _AHEAD_US = 10_000_000  # no stamp runs further ahead of the receiver's clock
-_SLOPE_WINDOW_US = 500_000  # long enough for 25 stamps at 50 Hz, the earliest of which was hardly delayed
+_SLOPE_WINDOW_US = (
+    500_000  # long enough for 25 stamps at 50 Hz, the earliest of which was hardly delayed
+)
 _SLOPES = 16  # eight seconds
 _LEARNING = 4  # the first slopes only teach: 2 s
 _FASTEST_DRIFT = 0.5  # a simulator at half of real time
@@ -82,7 +86,8 @@ class _Quickest:
     __slots__ = ("_at_us", "_before", "_offset_us", "_rate", "_slopes", "_smallest", "_until_us")
 
     def __init__(self, offset_us: int, arrival_us: int) -> None:
-        self._offset_us, self._at_us = float(offset_us), arrival_us
+        self._offset_us = float(offset_us)
+        self._at_us = arrival_us
         self._rate = 0.0
         self._slopes: deque[float] = deque(maxlen=_SLOPES)
         self._smallest = (offset_us, arrival_us)
@@ -101,20 +106,26 @@ class _Quickest:
         if over or offset_us < self._smallest[0]:
             self._smallest = (offset_us, arrival_us)
         if offset_us < self.at(arrival_us):
-            self._offset_us, self._at_us = float(offset_us), arrival_us
+            self._offset_us = float(offset_us)
+            self._at_us = arrival_us
 
     def _close(self, arrival_us: int) -> None:
-        before, now = self._before, self._smallest
-        self._before, self._until_us = now, arrival_us + _SLOPE_WINDOW_US
+        before = self._before
+        now = self._smallest
+        self._before = now
+        self._until_us = arrival_us + _SLOPE_WINDOW_US
         if before is not None and now[1] > before[1]:
             self._slopes.append((now[0] - before[0]) / (now[1] - before[1]))
         expected = self.at(arrival_us)
         if self._slopes:
             # Half more than the median, so that a drift that is not quite steady adds up to nothing.
-            self._rate = min(max(1.5 * float(np.median(self._slopes)), 0.0) + _QUARTZ, _FASTEST_DRIFT)
+            self._rate = min(
+                max(1.5 * float(np.median(self._slopes)), 0.0) + _QUARTZ, _FASTEST_DRIFT
+            )
         if len(self._slopes) <= _LEARNING:
             expected = max(expected, now[0] + self._rate * (arrival_us - now[1]))
-        self._offset_us, self._at_us = expected, arrival_us
+        self._offset_us = expected
+        self._at_us = arrival_us
 
 
 class BootClock:
@@ -166,7 +177,9 @@ class BootClock:
             self.set_back_s = behind_us / 1e6
             self._quickest = _Quickest(least_us, arrival_us)
 
-    def stamped(self, system: int, component: int, unit: Stamp, stamp: int, arrival_us: int) -> float:
+    def stamped(
+        self, system: int, component: int, unit: Stamp, stamp: int, arrival_us: int
+    ) -> float:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
         if stamp <= 0:
             return self.unstamped(arrival_us)
@@ -175,7 +188,11 @@ class BootClock:
         ours = system == self.system and component == AUTOPILOT_COMPONENT
         if unit is Stamp.BOOT_MS:
             stamp *= 1000
-            return self._main(stamp, arrival_us) if ours else self._other(system, component, stamp, arrival_us)
+            return (
+                self._main(stamp, arrival_us)
+                if ours
+                else self._other(system, component, stamp, arrival_us)
+            )
         if unit is Stamp.BOOT_US32:
             if not self.known:
                 return 0.0
@@ -208,7 +225,8 @@ class BootClock:
                 self.boot += 1
                 stamp_us %= _WRAP_MS_US
             return self._restart(stamp_us, arrival_us)
-        self._suspect_us, self._suspect_arrival_us = stamp_us, arrival_us
+        self._suspect_us = stamp_us
+        self._suspect_arrival_us = arrival_us
         return self.unstamped(arrival_us)
 
     def _advance(self, stamp_us: int, arrival_us: int) -> float:
@@ -216,11 +234,14 @@ class BootClock:
         self._envelope.update(arrival_us - stamp_us, stamp_us)
         self._quickest.update(arrival_us - stamp_us, arrival_us)
         if stamp_us > self._last_us:
-            self._last_us, self._last_arrival_us = stamp_us, arrival_us
+            self._last_us = stamp_us
+            self._last_arrival_us = arrival_us
         return stamp_us / 1e6
 
     def _restart(self, stamp_us: int, arrival_us: int) -> float:
-        self._last_us, self._last_arrival_us, self._suspect_us = stamp_us, arrival_us, -1
+        self._last_us = stamp_us
+        self._last_arrival_us = arrival_us
+        self._suspect_us = -1
         self._envelope = _Envelope(arrival_us - stamp_us, stamp_us)
         self._quickest = _Quickest(arrival_us - stamp_us, arrival_us)
         self._others.clear()

@@ -18,8 +18,11 @@ class Datagrams:
     """The socket of a ``mavudp``: a server answers those that it hears, a client its one destination."""
 
     def __init__(self, connection: Any) -> None:
-        self._receive, self._send = connection.port.recvfrom, connection.port.sendto
-        self._destination: Address | None = None if connection.udp_server else connection.destination_addr
+        self._receive = connection.port.recvfrom
+        self._send = connection.port.sendto
+        self._destination: Address | None = (
+            None if connection.udp_server else connection.destination_addr
+        )
         self.peers: tuple[Address, ...] = ()
         """Whom frames go to, by their numbers."""
         self._heard_s: dict[Address, float] = {}

@@ -18,6 +18,8 @@ from companion.mavlink.esc_messages import BY_ID
 mavlink: Any = ardupilotmega
 """The ardupilotmega dialect, a superset of common and of what PX4 sends (but for ids 290 and 291: esc_messages.py)."""
 
-MESSAGES: dict[int, Any] = {number: kind for number, kind in mavlink.mavlink_map.items() if number >= 0} | BY_ID
+MESSAGES: dict[int, Any] = {
+    number: kind for number, kind in mavlink.mavlink_map.items() if number >= 0
+} | BY_ID
 """Every message by id: classes of pymavlink and the two that it lacks. Its marker of bad data has a negative id."""
 ID_OF = {kind.msgname: number for number, kind in MESSAGES.items()}

@@ -27,7 +27,11 @@ ESC_INFO = EscMessage(
      "info"),
 )  # fmt: skip
 ESC_STATUS = EscMessage(
-    291, "ESC_STATUS", 10, struct.Struct("<Q4i4f4fB"), ("time_usec", "rpm", "voltage", "current", "index")
+    291,
+    "ESC_STATUS",
+    10,
+    struct.Struct("<Q4i4f4fB"),
+    ("time_usec", "rpm", "voltage", "current", "index"),
 )
 BY_ID = {ESC_INFO.id: ESC_INFO, ESC_STATUS.id: ESC_STATUS}
 """``index`` is the first of the four ESCs, from 0; temperature in cdegC; rpm negative in reverse."""

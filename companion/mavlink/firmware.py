@@ -64,7 +64,10 @@ def stack_of(heartbeat: Heartbeat | None) -> Stack:
 def mode_name(heartbeat: Heartbeat) -> str:
     """The flight mode in words."""
     if stack_of(heartbeat) is Stack.PX4:
-        return _PX4_MODES.get((heartbeat.custom_mode >> 16) & 0xFF) or f"mode {heartbeat.custom_mode:#x}"
+        return (
+            _PX4_MODES.get((heartbeat.custom_mode >> 16) & 0xFF)
+            or f"mode {heartbeat.custom_mode:#x}"
+        )
     return _ARDUCOPTER_MODES.get(heartbeat.custom_mode) or f"mode {heartbeat.custom_mode}"
 
 
@@ -94,9 +97,17 @@ def thrust_meaning(heartbeat: Heartbeat, parameters: Mapping[str, float]) -> Thr
     if stack is Stack.ARDUPILOT:
         if "GUID_OPTIONS" not in parameters:
             return ThrustMeaning.UNKNOWN
-        return ThrustMeaning.THRUST if int(parameters["GUID_OPTIONS"]) & 8 else ThrustMeaning.CLIMB_RATE
+        return (
+            ThrustMeaning.THRUST
+            if int(parameters["GUID_OPTIONS"]) & 8
+            else ThrustMeaning.CLIMB_RATE
+        )
     if stack is Stack.PX4:
-        return ThrustMeaning.THRUST if heartbeat.vehicle_type in _PX4_THRUST_TYPES else ThrustMeaning.IGNORED
+        return (
+            ThrustMeaning.THRUST
+            if heartbeat.vehicle_type in _PX4_THRUST_TYPES
+            else ThrustMeaning.IGNORED
+        )
     return ThrustMeaning.UNKNOWN
 
 
@@ -111,7 +122,8 @@ def thrust_map(stack: Stack, parameters: Mapping[str, float], hover: float) -> T
     hover = min(max(hover, 0.05), 0.95)
     if stack is not Stack.ARDUPILOT:
         return ThrustMap(hover, 1.0 / hover)
-    low, high = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+    low = parameters.get("MOT_SPIN_MIN", 0.15)
+    high = parameters.get("MOT_SPIN_MAX", 0.95)
     return _linearised(hover, low, high, parameters.get("MOT_THST_EXPO", 0.65))
 
 

@@ -53,11 +53,14 @@ class Link:
     def __init__(self, connection: Any, endpoint: str, arrivals: Arrivals, number: int = 0) -> None:
         self.endpoint = endpoint
         self.received = self.sent = 0
-        self._connection, self._arrivals, self._number = connection, arrivals, number
+        self._connection = connection
+        self._arrivals = arrivals
+        self._number = number
         self._frames = FrameReader()
         self._datagrams = Datagrams(connection) if endpoint.startswith("udp") else None
         transport = self._datagrams or connection
-        self._receive, self._write = transport.recv, transport.write
+        self._receive = transport.recv
+        self._write = transport.write
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         self._serial = endpoint.startswith("/dev/")
         self._unsent = b""
@@ -69,7 +72,9 @@ class Link:
     @property
     def bad(self) -> int:
         """Frames that were dropped: wrong checksum, or not signed as they should be."""
-        return self._frames.counts.bad_crc + (0 if self.signatures is None else self.signatures.refused)
+        return self._frames.counts.bad_crc + (
+            0 if self.signatures is None else self.signatures.refused
+        )
 
     @property
     def mav(self) -> Any:
@@ -84,14 +89,16 @@ class Link:
 
     def identify(self, system: int, component: int) -> None:
         """Send as this system and component."""
-        self.mav.srcSystem, self.mav.srcComponent = system, component
+        self.mav.srcSystem = system
+        self.mav.srcComponent = component
 
     def drain(self) -> Iterator[tuple[int, Frame]]:
         """(arrival stamp [us, receiver's clock], frame) of what has arrived, without waiting.
 
         A neighbour that floods the link must not keep the caller from its other work: the rest comes next time.
         """
-        signatures, feed = self.signatures, self._frames.feed
+        signatures = self.signatures
+        feed = self._frames.feed
         for _ in range(_READS):
             if not (data := self._read()):
                 return
@@ -111,17 +118,35 @@ class Link:
         except BlockingIOError:
             return b""
         except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNREFUSED, errno.ECONNRESET, errno.EBADF):
+            if error.errno in (
+                errno.EAGAIN,
+                errno.EWOULDBLOCK,
+                errno.ECONNREFUSED,
+                errno.ECONNRESET,
+                errno.EBADF,
+            ):
                 return b""
-            raise LinkError(f"{self.endpoint}: {error.strerror or error}; check the cable or the endpoint") from None
+            raise LinkError(
+                f"{self.endpoint}: {error.strerror or error}; check the cable or the endpoint"
+            ) from None
         except Exception as error:  # pyserial's own: a device that was unplugged
-            raise LinkError(f"{self.endpoint}: lost ({error}); plug it in again and restart") from None
+            raise LinkError(
+                f"{self.endpoint}: lost ({error}); plug it in again and restart"
+            ) from None
         return bytes(data) if data else b""
 
     def send(self, message_id: int, payload: bytes) -> bytes:
         """Send one message; returns the frame for the recorder."""
-        mav, signatures = self.mav, self.signatures
-        raw = pack(message_id, payload, mav.srcSystem, mav.srcComponent, mav.seq, signed=signatures is not None)
+        mav = self.mav
+        signatures = self.signatures
+        raw = pack(
+            message_id,
+            payload,
+            mav.srcSystem,
+            mav.srcComponent,
+            mav.seq,
+            signed=signatures is not None,
+        )
         if signatures is not None:
             raw = signatures.sign(raw)
         mav.seq = (mav.seq + 1) % 256
@@ -174,7 +199,12 @@ class Link:
 
 
 def open_link(
-    endpoint: str, arrivals: Arrivals, *, baud: int = BAUD, number: int = 0, signing_key: bytes | None = None
+    endpoint: str,
+    arrivals: Arrivals,
+    *,
+    baud: int = BAUD,
+    number: int = 0,
+    signing_key: bytes | None = None,
 ) -> Link:
     """Open a pymavlink endpoint string.
 
@@ -195,11 +225,15 @@ def open_link(
     except (OSError, EOFError) as error:
         raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None
     except ModuleNotFoundError as error:
-        raise LinkError(f"{endpoint}: needs the package {error.name}: pip install pyserial") from None
+        raise LinkError(
+            f"{endpoint}: needs the package {error.name}: pip install pyserial"
+        ) from None
     except Exception as error:  # pyserial and pymavlink raise their own
         raise LinkError(f"{endpoint}: cannot be opened: {error}") from None
     # Whatever dialect and version pymavlink was started with in this process.
-    connection.mav = mavlink.MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=OWN_COMPONENT)
+    connection.mav = mavlink.MAVLink(
+        connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=OWN_COMPONENT
+    )
     if signing_key is not None:
         connection.setup_signing(signing_key, sign_outgoing=True)
     return Link(connection, endpoint, arrivals, number)
@@ -229,7 +263,9 @@ def _check(endpoint: str) -> str:
         )
     host, _, port = rest.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
-        raise ConfigError(f"endpoint '{endpoint}' needs HOST:PORT after '{scheme}:', such as {scheme}:127.0.0.1:14550")
+        raise ConfigError(
+            f"endpoint '{endpoint}' needs HOST:PORT after '{scheme}:', such as {scheme}:127.0.0.1:14550"
+        )
     if scheme in ("udp", "udpin"):
         # pymavlink binds with SO_REUSEADDR: two listeners would share the port, each missing what the other gets.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -242,7 +278,9 @@ def _check(endpoint: str) -> str:
 
 def _reason(error: OSError | EOFError, scheme: str) -> str:
     if isinstance(error, PermissionError):
-        return "permission denied" + ("; add your user to the group dialout" if scheme == "serial" else "")
+        return "permission denied" + (
+            "; add your user to the group dialout" if scheme == "serial" else ""
+        )
     number, said = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     if number == errno.EADDRINUSE:
         return "the port is in use by another program; stop it or choose another port"

@@ -17,7 +17,13 @@ HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
 """Message id, and the place of ``autopilot`` in its payload."""
 _ESTIMATES = frozenset(
     ID_OF[name]
-    for name in ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+    for name in (
+        "ATTITUDE",
+        "ATTITUDE_QUATERNION",
+        "LOCAL_POSITION_NED",
+        "EKF_STATUS_REPORT",
+        "ESTIMATOR_STATUS",
+    )
 )
 """What the autopilot alone may say of the vehicle: a camera or a gimbal means its own frame by the same messages."""
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
@@ -68,7 +74,8 @@ class Intake:
 
     def sample(self, frame: Frame, arrival_us: int) -> Sample | None:
         """The sample of one frame, or None where it is not for ``step``."""
-        system, component = frame.system, frame.component
+        system = frame.system
+        component = frame.component
         if not self._heard:
             if not is_autopilot_heartbeat(frame) or self.system not in (None, system):
                 return None
@@ -96,5 +103,7 @@ class Intake:
         if type(sample) is Range:
             if sample.source == "RANGEFINDER":
                 return None if self._down_heard else sample
-            self._down_heard |= sample.direction_frd is not None and sample.direction_frd[2] > _DOWN_COS
+            self._down_heard |= (
+                sample.direction_frd is not None and sample.direction_frd[2] > _DOWN_COS
+            )
         return sample

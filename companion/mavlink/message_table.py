@@ -22,13 +22,21 @@ from companion.mavlink.wire_layout import SI, Layout, Raw
 
 _ACC_LIMIT, _GYRO_LIMIT, _RPM_LIMIT = 2000.0, 200.0, 200_000.0
 """m/s^2, rad/s, rpm: ten times what sensors reach, and what no hobby motor does; a larger number is damage."""
-_MS, _US = Stamp.BOOT_MS, Stamp.US64
+_MS = Stamp.BOOT_MS
+_US = Stamp.US64
 _RATES = SI("rates", "rollspeed pitchspeed yawspeed", "rad/s", _GYRO_LIMIT)
 _PLACE = (SI("position", "x y z", "m", 1e6), SI("velocity", "vx vy vz", "m/s", 1e3))
-_SCALED = (SI("force", "xacc yacc zacc", "mG", _ACC_LIMIT), SI("gyro", "xgyro ygyro zgyro", "mrad/s", _GYRO_LIMIT))
-_PRESSURE = (SI("pressure", "press_abs", "hPa", 1e6), SI("temperature", "temperature", "cdegC", 200.0))
+_SCALED = (
+    SI("force", "xacc yacc zacc", "mG", _ACC_LIMIT),
+    SI("gyro", "xgyro ygyro zgyro", "mrad/s", _GYRO_LIMIT),
+)
+_PRESSURE = (
+    SI("pressure", "press_abs", "hPa", 1e6),
+    SI("temperature", "temperature", "cdegC", 200.0),
+)
 _RPM = SI("rpm", "rpm", "rpm", _RPM_LIMIT, unknown=(2**16 - 1, -1))
-_TARGET_Q, _THRUST = SI("q", "q", "", 2.0), SI("thrust", "thrust", "", 10.0)
+_TARGET_Q = SI("q", "q", "", 2.0)
+_THRUST = SI("thrust", "thrust", "", 10.0)
 _TARGETS = (Raw("target_system"), Raw("target_component"))
 
 _TABLE = (
@@ -128,14 +136,17 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> samples.Sample | 
     if layout is None:
         return None
     _, system, component, payload, _ = frame
-    fields, stamp = unpacked(frame.id, payload), layout.stamp
+    fields = unpacked(frame.id, payload)
+    stamp = layout.stamp
     if stamp is None:
         t_s = clock.unstamped(arrival_us)
     else:
         t_s = clock.stamped(system, component, stamp, fields[layout.stamp_place], arrival_us)
     if layout.build is None:
         return None
-    sample = layout.build((t_s, system, component), layout.name, *[read(fields) for read in layout.readers])
+    sample = layout.build(
+        (t_s, system, component), layout.name, *[read(fields) for read in layout.readers]
+    )
     if sample is not None and stamp is not None:
         # Nobody else has seen the sample yet; a copy of it costs more than all the rest of its decoding.
         object.__setattr__(sample, "late_s", clock.late(t_s, arrival_us))

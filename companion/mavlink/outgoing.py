@@ -6,11 +6,14 @@ from companion.mavlink import NO_AUTOPILOT
 from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.wire_frames import unpacked
 
-TIMESYNC, _OURS_NS = 111, 191
+TIMESYNC = 111
+_OURS_NS = 191
 Message = tuple[int, bytes]
 """Message id, and the payload in wire order."""
 
-_ONBOARD_CONTROLLER, _ACTIVE, _MAVLINK = 18, 4, 3
+_ONBOARD_CONTROLLER = 18
+_ACTIVE = 4
+_MAVLINK = 3
 
 
 def message(number: int, *fields: object) -> Message:

@@ -34,7 +34,9 @@ def _beam(name: str) -> Vector3:
     angles = dict(zip(words[::2], words[1::2], strict=False))
     pitch, yaw = (math.radians(float(angles.get(axis, 0))) for axis in ("PITCH", "YAW"))
     # + 0.0 turns -0.0 into 0.0; rounding takes the 1e-17 out of cos 90 deg.
-    x, y, z = math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), -math.sin(pitch)
+    x = math.cos(pitch) * math.cos(yaw)
+    y = math.cos(pitch) * math.sin(yaw)
+    z = -math.sin(pitch)
     return (round(x, 15) + 0.0, round(y, 15) + 0.0, round(z, 15) + 0.0)
 
 
@@ -61,7 +63,9 @@ def beam_direction(orientation: int, quaternion: Quaternion) -> Vector3 | None:
     return (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
 
 
-def range_verdict(distance_m: float, min_m: float, max_m: float, quality: int, mapped: bool) -> RangeVerdict:
+def range_verdict(
+    distance_m: float, min_m: float, max_m: float, quality: int, mapped: bool
+) -> RangeVerdict:
     """What a reading is worth by itself. Sensors say "nothing" with 0, their minimum, their maximum or more."""
     if not mapped:
         return RangeVerdict.UNMAPPED

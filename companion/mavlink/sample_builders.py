@@ -20,7 +20,9 @@ def as_it_is(kind: type[samples.Sample]) -> Callable[..., samples.Sample]:
     return lambda head, _name, *values: kind(*head, *values)
 
 
-def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int) -> samples.Heartbeat:
+def heartbeat(
+    head: Head, _: str, base: int, custom: int, autopilot: int, kind: int
+) -> samples.Heartbeat:
     # 128: MAV_MODE_FLAG_SAFETY_ARMED.
     return samples.Heartbeat(*head, bool(base & 128), custom, autopilot, kind)
 
@@ -31,12 +33,18 @@ def attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> samples.A
     return samples.Attitude(*head, quaternion_from_euler(*euler), rates, name)
 
 
-def attitude_quaternion(head: Head, name: str, q: Quaternion, rates: Vector3) -> samples.Attitude | None:
+def attitude_quaternion(
+    head: Head, name: str, q: Quaternion, rates: Vector3
+) -> samples.Attitude | None:
     unit = unit_quaternion(q)
-    return samples.Attitude(*head, unit, rates, name) if unit is not None and finite(rates) else None
+    return (
+        samples.Attitude(*head, unit, rates, name) if unit is not None and finite(rates) else None
+    )
 
 
-def position(head: Head, _: str, position: Vector3, velocity: Vector3) -> samples.LocalPosition | None:
+def position(
+    head: Head, _: str, position: Vector3, velocity: Vector3
+) -> samples.LocalPosition | None:
     return samples.LocalPosition(*head, position, velocity) if finite(position, velocity) else None
 
 
@@ -44,10 +52,14 @@ def imu(head: Head, name: str, force: Vector3, gyro: Vector3, sensor: int = 0) -
     return samples.Imu(*head, force, gyro, f"{name}:{sensor}" if sensor else name)
 
 
-def highres_imu(head: Head, name: str, force: Vector3, gyro: Vector3, updated: int, sensor: int) -> samples.Imu | None:
+def highres_imu(
+    head: Head, name: str, force: Vector3, gyro: Vector3, updated: int, sensor: int
+) -> samples.Imu | None:
     if not updated & 63:
         return None
-    fx, fy, fz, gx, gy, gz = (v if updated >> bit & 1 else NAN for bit, v in enumerate((*force, *gyro)))
+    fx, fy, fz, gx, gy, gz = (
+        v if updated >> bit & 1 else NAN for bit, v in enumerate((*force, *gyro))
+    )
     return imu(head, name, (fx, fy, fz), (gx, gy, gz), sensor)
 
 
@@ -92,7 +104,9 @@ def obstacle_distance(
     return samples.Ring(*head, bearings, known, frame in _NORTHWARD_FRAMES)
 
 
-def esc_telemetry(first_esc: int, head: Head, name: str, rpm: Any, temperature: Any, count: Any) -> samples.RotorSpeeds:
+def esc_telemetry(
+    first_esc: int, head: Head, name: str, rpm: Any, temperature: Any, count: Any
+) -> samples.RotorSpeeds:
     return samples.RotorSpeeds(*head, first_esc, rpm, name, tuple(count), temperature)
 
 
@@ -114,7 +128,9 @@ def raw_rpm(head: Head, name: str, rpm: float, index: int) -> samples.RotorSpeed
     return samples.RotorSpeeds(*head, index + 1, (rpm,), name) if rpm >= 0.0 else None
 
 
-def battery(head: Head, name: str, cells: Any, more: Any, current: float, _id: int = 0) -> samples.Battery | None:
+def battery(
+    head: Head, name: str, cells: Any, more: Any, current: float, _id: int = 0
+) -> samples.Battery | None:
     # Pack voltage in the first place and cells one by one add up alike; above 65 V ArduPilot spreads the pack over two.
     volts = math.fsum(v for v in (*cells, *more) if v == v)
     if not volts > 0.0 and current != current:
@@ -130,8 +146,14 @@ def pressure(head: Head, name: str, pressure: float, temperature: float) -> samp
     return samples.Pressure(*head, pressure, temperature, name) if pressure > 0.0 else None
 
 
-def attitude_target(head: Head, _: str, q: Quaternion, thrust: float) -> samples.AttitudeTarget | None:
-    return samples.AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust) if thrust == thrust else None
+def attitude_target(
+    head: Head, _: str, q: Quaternion, thrust: float
+) -> samples.AttitudeTarget | None:
+    return (
+        samples.AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust)
+        if thrust == thrust
+        else None
+    )
 
 
 def parameter(head: Head, _: str, value: float, name: str, kind: int) -> samples.Parameter | None:

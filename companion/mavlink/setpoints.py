@@ -12,7 +12,9 @@ from models.vehicle import Vector3
 RATES_IGNORED = 7
 ATTITUDE_IGNORED = 128
 """Bits of ATTITUDE_TARGET_TYPEMASK."""
-_POSITION_AND_ACCELERATION = 8 | 16 | 32 | 2048  # ignore velocity and yaw rate; bit 512 off: acceleration, not force
+_POSITION_AND_ACCELERATION = (
+    8 | 16 | 32 | 2048
+)  # ignore velocity and yaw rate; bit 512 off: acceleration, not force
 _POSITION_AND_YAW = 8 | 16 | 32 | 64 | 128 | 256 | 2048
 _LOCAL_NED = 1
 """MAV_FRAME_LOCAL_NED; the masks above are of POSITION_TARGET_TYPEMASK."""
@@ -46,8 +48,14 @@ Command = AttitudeCommand | PositionCommand
 def tilt_by(q: Quaternion, roll: float, pitch: float) -> Quaternion:
     """Turn an attitude by small roll and pitch angles [rad] about its own body axes; returns a unit quaternion."""
     w, x, y, z = q
-    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
-    ow, ox, oy, oz = cr * cp, sr * cp, cr * sp, sr * sp
+    cr = math.cos(roll / 2)
+    sr = math.sin(roll / 2)
+    cp = math.cos(pitch / 2)
+    sp = math.sin(pitch / 2)
+    ow = cr * cp
+    ox = sr * cp
+    oy = cr * sp
+    oz = sr * sp
     out = (
         w * ow - x * ox - y * oy - z * oz,
         w * ox + x * ow + y * oz - z * oy,
@@ -72,7 +80,14 @@ def encode(command: Command, system: int, component: int = 1) -> Message:
         mask = whole_rate_mask(command.type_mask) & (RATES_IGNORED | ATTITUDE_IGNORED)
         thrust = min(max(command.thrust, 0.0), 1.0)
         return message(
-            SET_ATTITUDE_TARGET, boot_ms, *command.q_ned_frd, *command.rates_frd, thrust, system, component, mask
+            SET_ATTITUDE_TARGET,
+            boot_ms,
+            *command.q_ned_frd,
+            *command.rates_frd,
+            thrust,
+            system,
+            component,
+            mask,
         )
     mask = _POSITION_AND_YAW if command.acceleration_ned is None else _POSITION_AND_ACCELERATION
     acceleration = command.acceleration_ned or (0.0, 0.0, 0.0)

@@ -26,14 +26,17 @@ class Signatures:
 
     def accepts(self, frame: Frame) -> bool:
         """Whether a frame is signed with the key and newer than all of its stream before it."""
-        raw, state = frame.raw, self._state
+        raw = frame.raw
+        state = self._state
         if raw[0] != V2 or not raw[2] & 1:
             self.refused += 1
             return False
         stamp = int.from_bytes(raw[-12:-6], "little")
         stream = (raw[-SIGNATURE_BYTES], frame.system, frame.component)
         newest = state.stream_timestamps.get(stream)
-        replayed = stamp <= newest if newest is not None else stamp + _NEW_STREAM_US10 < state.timestamp
+        replayed = (
+            stamp <= newest if newest is not None else stamp + _NEW_STREAM_US10 < state.timestamp
+        )
         if replayed or not hmac.compare_digest(self._digest(raw[:-6]), raw[-6:]):
             self.refused += 1
             return False

@@ -42,8 +42,11 @@ def wanted_streams(
     ``recorded``: the diagnosis will want accelerations and outputs, which control does not need (docs/autopilots.md).
     ``adapting``: sizes of effects are measured in flight, from accelerations.
     """
-    px4, sensors = stack is Stack.PX4, vehicle.rangefinders
-    groups = sorted({(rotor.esc - 1) // 4 * 4 + 1 for rotor in vehicle.rotors if rotor.esc is not None})
+    px4 = stack is Stack.PX4
+    sensors = vehicle.rangefinders
+    groups = sorted(
+        {(rotor.esc - 1) // 4 * 4 + 1 for rotor in vehicle.rotors if rotor.esc is not None}
+    )
     outputs = recorded or bool(vehicle.vanes) or not vehicle.telemetered
     table = [
         ("ATTITUDE_QUATERNION", 50.0, True, True),
@@ -63,7 +66,9 @@ def wanted_streams(
         ("ESC_INFO", 1.0, False, px4 and bool(groups)),
         *((f"ESC_TELEMETRY_{first}_TO_{first + 3}", 25.0, True, not px4) for first in groups),
     ]
-    return tuple(Wanted(ID_OF[name], hz, needed) for name, hz, needed, asked_for in table if asked_for)
+    return tuple(
+        Wanted(ID_OF[name], hz, needed) for name, hz, needed, asked_for in table if asked_for
+    )
 
 
 class StreamKeeper:
@@ -93,7 +98,9 @@ class StreamKeeper:
         if not self._noted:
             return 0.0
         since_s, then = self._noted[0]
-        return (self._count[message_id] - then[message_id]) / max(now_s - since_s, _CHECK_S / _PARTS)
+        return (self._count[message_id] - then[message_id]) / max(
+            now_s - since_s, _CHECK_S / _PARTS
+        )
 
     def due(self, now_s: float) -> list[Wanted]:
         """What to ask for now: everything at first, then every 2 s what arrives at less than 70 % of its rate.
@@ -122,9 +129,17 @@ class StreamKeeper:
         if len(self._noted) < 3:
             return []
         (then_s, then), (_, before), (now_s, now) = list(self._noted)[-3:]
-        looked = [w for w in self.wanted if w.message_id in self._fast and w.hz * (now_s - then_s) >= _GLANCE]
+        looked = [
+            w
+            for w in self.wanted
+            if w.message_id in self._fast and w.hz * (now_s - then_s) >= _GLANCE
+        ]
         ids = [w.message_id for w in looked]
-        slow = [w for w in looked if now[w.message_id] - then[w.message_id] < _ENOUGH * w.hz * (now_s - then_s)]
+        slow = [
+            w
+            for w in looked
+            if now[w.message_id] - then[w.message_id] < _ENOUGH * w.hz * (now_s - then_s)
+        ]
         going_on = any(now[i] - before[i] >= _ENOUGH * (before[i] - then[i]) > 0 for i in ids)
         self._fast -= {w.message_id for w in slow}
         for w in slow:
@@ -144,4 +159,6 @@ class StreamKeeper:
 
 def interval_request(wanted: Wanted, system: int) -> Message:
     """SET_MESSAGE_INTERVAL as a command to the autopilot."""
-    return command_long(system, 1, _SET_MESSAGE_INTERVAL, float(wanted.message_id), float(round(1e6 / wanted.hz)))
+    return command_long(
+        system, 1, _SET_MESSAGE_INTERVAL, float(wanted.message_id), float(round(1e6 / wanted.hz))
+    )

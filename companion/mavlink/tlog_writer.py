@@ -66,7 +66,9 @@ class Recorder:
             self.files.append(Path(self._file.name))
         except OSError as error:
             if error.errno not in _OTHERS_FAULT:
-                raise ConfigError(f"--record {path}: cannot be written ({error.strerror})") from None
+                raise ConfigError(
+                    f"--record {path}: cannot be written ({error.strerror})"
+                ) from None
             self._stop(error.strerror or str(error))
 
     def write(self, arrival_us: int, raw: bytes) -> None:
@@ -103,7 +105,9 @@ class Recorder:
     def _stop(self, why: str) -> None:
         self.stopped = why
         self.close()
-        self._say(f"companion: recording stopped: {self._pattern.parent}: {why}; the flight goes on unrecorded")
+        self._say(
+            f"companion: recording stopped: {self._pattern.parent}: {why}; the flight goes on unrecorded"
+        )
 
     def close(self) -> None:
         """Close the file."""

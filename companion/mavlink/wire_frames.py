@@ -77,7 +77,13 @@ def cut(data: bytes, i: int) -> Frame:
         number = data[i + 7] | data[i + 8] << 8 | data[i + 9] << 16
         end = i + length + (_V2_AROUND + SIGNATURE_BYTES if data[i + 2] & 1 else _V2_AROUND)
         return Frame(number, data[i + 5], data[i + 6], data[i + 10 : i + 10 + length], data[i:end])
-    return Frame(data[i + 5], data[i + 3], data[i + 4], data[i + 6 : i + 6 + length], data[i : i + length + _V1_AROUND])
+    return Frame(
+        data[i + 5],
+        data[i + 3],
+        data[i + 4],
+        data[i + 6 : i + 6 + length],
+        data[i : i + length + _V1_AROUND],
+    )
 
 
 def checked_end(data: bytes, at: int) -> int:
@@ -88,22 +94,30 @@ def checked_end(data: bytes, at: int) -> int:
         following = end + 2 + SIGNATURE_BYTES if data[at + 2] & 1 else end + 2
         extra = _EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
     elif at + _V1_AROUND <= n and data[at] == V1:
-        end, extra = at + 6 + data[at + 1], _EXTRA.get(data[at + 5])
+        end = at + 6 + data[at + 1]
+        extra = _EXTRA.get(data[at + 5])
         following = end + 2
     else:
         return 0
-    if extra is None or following > n or crc16(data[at + 1 : end] + extra) != data[end] | data[end + 1] << 8:
+    if (
+        extra is None
+        or following > n
+        or crc16(data[at + 1 : end] + extra) != data[end] | data[end + 1] << 8
+    ):
         return 0
     return following
 
 
-def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> tuple[array[int], int]:
+def walk(
+    data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True
+) -> tuple[array[int], int]:
     """Offsets of all good frames in ``data``, and where the rest begins: a last frame that is not complete.
 
     ``ahead``: bytes that precede every frame (8 in a .tlog: its stamp); offsets are of these. ``whole`` False: more
     bytes may follow, so a frame that cannot be checked yet is left in the rest.
     """
-    n, i = len(data), 0
+    n = len(data)
+    i = 0
     starts = array("q")
     while (at := i + ahead) + _V1_AROUND <= n:
         if following := checked_end(data, at):
@@ -167,12 +181,22 @@ class FrameReader:
         return [cut(data, i) for i in starts]
 
 
-def pack(message_id: int, payload: bytes, system: int, component: int, sequence: int, *, signed: bool = False) -> bytes:
+def pack(
+    message_id: int,
+    payload: bytes,
+    system: int,
+    component: int,
+    sequence: int,
+    *,
+    signed: bool = False,
+) -> bytes:
     """A MAVLink 2 frame: trailing zeros of the payload cut, checksum with the message's extra.
 
     ``signed`` announces a signature, which is for the caller to append.
     """
     payload = payload.rstrip(b"\0") or b"\0"
     number = message_id.to_bytes(3, "little")
-    body = bytes((len(payload), int(signed), 0, sequence & 0xFF, system, component)) + number + payload
+    body = (
+        bytes((len(payload), int(signed), 0, sequence & 0xFF, system, component)) + number + payload
+    )
     return b"\xfd" + body + crc16(body + _EXTRA[message_id]).to_bytes(2, "little")

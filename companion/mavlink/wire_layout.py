@@ -72,18 +72,26 @@ class SI:
 
         Made once: it runs for every message.
         """
-        per, unknown = PER_SI[self.unit], self.unknown
+        per = PER_SI[self.unit]
+        unknown = self.unknown
         # The largest float, so that one comparison also turns inf into NaN; a comparison with NaN is false.
         limit = min(self.limit, sys.float_info.max)
-        places = [i for name in self.fields.split() for i in range(*wire.places[name].indices(1 << 16))]
+        places = [
+            i for name in self.fields.split() for i in range(*wire.places[name].indices(1 << 16))
+        ]
         if len(places) == 1:
             (place,) = places
             return lambda fields: (
-                v if (x := fields[place]) not in unknown and -limit <= (v := x / per) <= limit else NAN
+                v
+                if (x := fields[place]) not in unknown and -limit <= (v := x / per) <= limit
+                else NAN
             )
         pick = itemgetter(*places)
         return lambda fields: tuple(
-            [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
+            [
+                v if x not in unknown and -limit <= (v := x / per) <= limit else NAN
+                for x in pick(fields)
+            ]
         )
 
     def column(self, records: NDArray[Any]) -> NDArray[np.float64]:
@@ -124,10 +132,18 @@ class Layout:
     """One message: what stamps it, its quantities in the builder's order, and the builder of its sample."""
 
     def __init__(
-        self, name: str, stamp: Stamp | None, build: Callable[..., Sample | None] | None, *quantities: SI | Raw
+        self,
+        name: str,
+        stamp: Stamp | None,
+        build: Callable[..., Sample | None] | None,
+        *quantities: SI | Raw,
     ) -> None:
         """``build`` None: no sample is made of it; it is read in logs only."""
-        self.id, self.name, self.stamp, self.build, self.quantities = ID_OF[name], name, stamp, build, quantities
+        self.id = ID_OF[name]
+        self.name = name
+        self.stamp = stamp
+        self.build = build
+        self.quantities = quantities
         self.wire = wire_format(self.id)
         self.readers = [quantity.reader(self.wire) for quantity in quantities]
         """One a quantity, from the unpacked fields."""

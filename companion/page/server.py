@@ -65,7 +65,9 @@ def handler(store: Store) -> type[BaseHTTPRequestHandler]:
                 self._send(page, "text/html; charset=utf-8")
             elif url.path == "/snapshots":
                 number = parse_qs(url.query).get("since", ["0"])[0]
-                self._send(store.since(int(number) if number.isdecimal() else 0), "application/json")
+                self._send(
+                    store.since(int(number) if number.isdecimal() else 0), "application/json"
+                )
             elif url.path == "/favicon.ico":
                 self._send(b"", "image/x-icon")
             else:

@@ -19,10 +19,16 @@ from models.frames import Rows
 
 
 def snapshot(
-    decision: Decision, state: PipelineState, config: PipelineConfig, streams: StreamKeeper, now_s: float
+    decision: Decision,
+    state: PipelineState,
+    config: PipelineConfig,
+    streams: StreamKeeper,
+    now_s: float,
 ) -> dict[str, Any]:
     """``now_s`` is the receiver's clock, for the rates of the link."""
-    offset, disturbance, heartbeat = decision.offset, decision.disturbance, state.heartbeat
+    offset = decision.offset
+    disturbance = decision.disturbance
+    heartbeat = state.heartbeat
     out: dict[str, Any] = {
         "t_s": round(decision.t_s, 3),
         "vehicle": config.vehicle.name,
@@ -39,7 +45,8 @@ def snapshot(
         "late_s": _number(decision.late_s),
         "rpm": [None if track is None else round(track.value) for track in state.estimates.rotors],
         "rates": [
-            [LAYOUTS[w.message_id].name, round(streams.rate(w.message_id, now_s), 1), w.hz] for w in streams.wanted
+            [LAYOUTS[w.message_id].name, round(streams.rate(w.message_id, now_s), 1), w.hz]
+            for w in streams.wanted
         ],
         "air": None,
         "sizes": None if decision.adaptation is None else _sizes(decision.adaptation),
@@ -50,7 +57,9 @@ def snapshot(
             "trust": _number(disturbance.trust),
             "ground": _surface(disturbance.ground),
             "wall": _surface(disturbance.wall),
-            "fans": _fans(disturbance.wall, state.estimates.rows, config, disturbance.h_m, disturbance.d_m),
+            "fans": _fans(
+                disturbance.wall, state.estimates.rows, config, disturbance.h_m, disturbance.d_m
+            ),
         }
     return out
 
@@ -59,7 +68,13 @@ def _sizes(known: Adaptation) -> dict[str, Any]:
     """Why nothing is learned now (None: it is), and rows of name, value, sd, unit, share compensated or None."""
     shares = known.share_by_name()
     rows = [
-        [name.replace("_", " "), _number(e.value), _number(e.sd), "" if e.unit == "1" else e.unit, shares.get(name)]
+        [
+            name.replace("_", " "),
+            _number(e.value),
+            _number(e.sd),
+            "" if e.unit == "1" else e.unit,
+            shares.get(name),
+        ]
         for name, e in known.estimates().items()
     ]
     return {"paused": known.paused, "rows": rows}
@@ -79,7 +94,11 @@ def _surface(surface: Surface) -> dict[str, Any]:
 
 
 def _fans(
-    wall: Surface, rows: Rows | None, config: PipelineConfig, h_m: Sequence[float], d_m: Sequence[float]
+    wall: Surface,
+    rows: Rows | None,
+    config: PipelineConfig,
+    h_m: Sequence[float],
+    d_m: Sequence[float],
 ) -> list[list[Any]]:
     """For the drawing, of each fan: place towards the wall (without one: forward) and its lip radius, h and d [m]."""
     towards = np.array([1.0, 0.0, 0.0])
@@ -90,5 +109,7 @@ def _fans(
     places = config.vehicle.fan_positions_m @ towards
     return [
         [_number(place), _number(lip), _number(h), _number(d)]
-        for place, lip, h, d in zip(places.tolist(), config.vehicle.lip_radii_m.tolist(), h_m, d_m, strict=True)
+        for place, lip, h, d in zip(
+            places.tolist(), config.vehicle.lip_radii_m.tolist(), h_m, d_m, strict=True
+        )
     ]

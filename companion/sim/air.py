@@ -119,14 +119,20 @@ class LawConstants:
 
     def increments(self, eta: float, delta: float) -> Increments:
         """The law at height ``eta`` = h/r and wall distance ``delta`` = d/r (either may be inf)."""
-        eta, delta = max(eta, 0.6), max(delta, 0.05)
-        over_ground, at_wall = _fade(eta, *GROUND_FADE), _fade(delta, *WALL_FADE)
+        eta = max(eta, 0.6)
+        delta = max(delta, 0.05)
+        over_ground = _fade(eta, *GROUND_FADE)
+        at_wall = _fade(delta, *WALL_FADE)
         if over_ground == 0.0 and at_wall == 0.0:
             return Increments(rms=self.rms_free)
         z = x = m = mz = 0.0
         rms = self.rms_free
         if over_ground > 0.0:
-            z += self.ground_gain * ((1.0 + self.ground_curve / eta**2) ** (2.0 / 3.0) - 1.0) * over_ground
+            z += (
+                self.ground_gain
+                * ((1.0 + self.ground_curve / eta**2) ** (2.0 / 3.0) - 1.0)
+                * over_ground
+            )
             z -= self.intake_loss * _decay(eta, self.intake_length) ** 2 * over_ground
             mz += self.torque_ground * _decay(eta, self.torque_length) * over_ground
             rms += self.rms_ground * _decay(eta, 1.0) * over_ground
@@ -137,9 +143,14 @@ class LawConstants:
             m += self.tilt * _decay(delta, self.tilt_reach) * at_wall
             if over_ground > 0.0:
                 both = over_ground * at_wall
-                offset = math.log(eta / (self.ridge_height + self.ridge_slope * delta)) / self.ridge_width
+                offset = (
+                    math.log(eta / (self.ridge_height + self.ridge_slope * delta))
+                    / self.ridge_width
+                )
                 ridge = _decay(delta, self.ridge_reach) / math.cosh(min(abs(offset), 50.0)) * both
-                trapped = (_decay(eta, self.trapped_length) * _decay(delta, self.trapped_length)) ** 2 * both
+                trapped = (
+                    _decay(eta, self.trapped_length) * _decay(delta, self.trapped_length)
+                ) ** 2 * both
                 z += self.trapped_lift * trapped - self.ridge_lift * ridge
                 x -= self.ridge_pull * ridge + self.trapped_pull * trapped
                 m += m * self.ridge_tilt * ridge - self.trapped_tilt * trapped
@@ -162,8 +173,11 @@ class LawError:
     @staticmethod
     def of(believed: ArrayLike, true: ArrayLike) -> LawError:
         """From (lift, pull, tilt) at the same places, shape (n, 3)."""
-        said, real = np.asarray(believed), np.asarray(true)
-        return LawError(*np.sqrt(np.sum((real - said) ** 2, axis=0) / np.sum(real**2, axis=0)).tolist())
+        said = np.asarray(believed)
+        real = np.asarray(true)
+        return LawError(
+            *np.sqrt(np.sum((real - said) ** 2, axis=0) / np.sum(real**2, axis=0)).tolist()
+        )
 
 
 _ETAS = (1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, math.inf)
@@ -178,7 +192,10 @@ def _closed_form() -> Array:
     law, (eta, delta) = ClosedForm(), np.array(CORNER_PLACES).T
     wrench = law.wrench(eta * law.radius_m, delta * law.radius_m, RPM_HOVER)
     lift = float(law.lift(RPM_HOVER))
-    return np.stack([wrench[:, 2] / lift - 1.0, wrench[:, 0] / lift, wrench[:, 4] / (lift * law.radius_m)], axis=1)
+    return np.stack(
+        [wrench[:, 2] / lift - 1.0, wrench[:, 0] / lift, wrench[:, 4] / (lift * law.radius_m)],
+        axis=1,
+    )
 
 
 def closed_form_error(truth: SurfaceLaw) -> LawError:
@@ -197,7 +214,8 @@ def disturbed(seed: int) -> LawConstants:
     lengths = ("length", "height", "reach")
     while True:
         factors = {
-            f.name: getattr(NOMINAL, f.name) * math.exp(rng.gauss(0.0, 0.08 if f.name.endswith(lengths) else 0.12))
+            f.name: getattr(NOMINAL, f.name)
+            * math.exp(rng.gauss(0.0, 0.08 if f.name.endswith(lengths) else 0.12))
             for f in fields(NOMINAL)
         }
         truth = replace(NOMINAL, **factors)
@@ -222,6 +240,8 @@ class Unsteadiness:
 
     def step(self) -> list[float]:
         """Advance by one physics step; the values have unit variance."""
-        gauss, keep, kick = self._rng.gauss, self._keep, self._kick
+        gauss = self._rng.gauss
+        keep = self._keep
+        kick = self._kick
         self.values = [keep * v + kick * gauss(0.0, 1.0) for v in self.values]
         return self.values

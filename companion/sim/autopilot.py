@@ -125,7 +125,9 @@ class Shaper:
 
     def reset(self, position: float, velocity: float) -> None:
         """Start from a state, unaccelerated."""
-        self.position, self.velocity, self.accel = position, velocity, 0.0
+        self.position = position
+        self.velocity = velocity
+        self.accel = 0.0
 
     def step(self, dt: float, target: float | None, velocity: float, accel: float = 0.0) -> None:
         """Follow position ``target`` (None: velocity only) with feed-forward ``velocity`` and ``accel``."""
@@ -133,8 +135,13 @@ class Shaper:
         self.velocity += dt * self.accel
         wanted = velocity
         if target is not None:
-            wanted += square_root(target - self.position, 0.5 * self.jerk_max / self.accel_max, 0.75 * self.accel_max)
-        demand = square_root(wanted - self.velocity, self.jerk_max / self.accel_max, self.jerk_max) + accel
+            wanted += square_root(
+                target - self.position, 0.5 * self.jerk_max / self.accel_max, 0.75 * self.accel_max
+            )
+        demand = (
+            square_root(wanted - self.velocity, self.jerk_max / self.accel_max, self.jerk_max)
+            + accel
+        )
         demand = max(-self.accel_max, min(self.accel_max, demand))
         self.accel = towards(self.accel, demand, self.jerk_max * dt)
 
@@ -344,7 +351,11 @@ class Autopilot:
         return max(0.5, math.cos(self.shaped[0]) * math.cos(self.shaped[1]))
 
     def _watch_ground(self, now: Estimate, touching: bool) -> None:
-        if touching and self.throttle < LANDED_THROTTLE * self.hover and abs(now.velocity[2]) < LANDED_M_S:
+        if (
+            touching
+            and self.throttle < LANDED_THROTTLE * self.hover
+            and abs(now.velocity[2]) < LANDED_M_S
+        ):
             self._grounded_s += DT
         else:
             self._grounded_s = 0.0
@@ -372,10 +383,13 @@ class Autopilot:
         """Hand-over to the position controller without a kick: the present tilt and throttle become its integrators."""
         for axis, place, speed in zip(self.axes, now.position, now.velocity, strict=True):
             axis.reset(place, speed)
-        c, s = math.cos(now.yaw), math.sin(now.yaw)
-        ahead, right = -GRAVITY * math.tan(self.shaped[1]), GRAVITY * math.tan(self.shaped[0])
+        c = math.cos(now.yaw)
+        s = math.sin(now.yaw)
+        ahead = -GRAVITY * math.tan(self.shaped[1])
+        right = GRAVITY * math.tan(self.shaped[0])
         north, east = self._vel_loops
-        north.integral, east.integral = c * ahead - s * right, s * ahead + c * right
+        north.integral = c * ahead - s * right
+        east.integral = s * ahead + c * right
         north.old, east.old = now.velocity[:2]
         self._thr_i = (self.throttle - self.hover) if not self.landed else 0.0
 
@@ -384,7 +398,9 @@ class Autopilot:
         if self.mode is not Mode.GUIDED:
             self._demand_attitude(0.0, 0.0, self.shaped[2])
             return 0.0
-        return self._attitude_command(now) if self.guided is Guided.ATTITUDE else self._to_target(now)
+        return (
+            self._attitude_command(now) if self.guided is Guided.ATTITUDE else self._to_target(now)
+        )
 
     def _level(self, now: Estimate) -> float:
         """Level, and the height held."""
@@ -408,8 +424,14 @@ class Autopilot:
 
     def _climb_away(self) -> None:
         """A take-off accelerates gently: WPNAV_ACCEL_Z is 1 m/s^2, half a metre in the first second."""
-        self.axes[2].accel_max = TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
-        if self.guided is Guided.TAKEOFF and self.landed and self.axes[2].position < -LIFT_OFF_LEAD_M:
+        self.axes[2].accel_max = (
+            TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
+        )
+        if (
+            self.guided is Guided.TAKEOFF
+            and self.landed
+            and self.axes[2].position < -LIFT_OFF_LEAD_M
+        ):
             self.axes[2].reset(-LIFT_OFF_LEAD_M, 0.0)  # the target waits for the vehicle
 
     def _end_take_off(self, now: Estimate) -> None:
@@ -440,14 +462,21 @@ class Autopilot:
         return self._vertical(now)
 
     def _position(self, now: Estimate) -> float:
-        t, g = self.target, self.gains
+        t = self.target
+        g = self.gains
         # Between two messages the demand moves on at its own velocity.
-        n, e, d = (None if x is None else x + v * DT for x, v in zip(t.position, t.velocity, strict=True))
+        n, e, d = (
+            None if x is None else x + v * DT for x, v in zip(t.position, t.velocity, strict=True)
+        )
         t.position = (n, e, d)
-        for axis, place, speed, accel in zip(self.axes, t.position, t.velocity, t.accel, strict=True):
+        for axis, place, speed, accel in zip(
+            self.axes, t.position, t.velocity, t.accel, strict=True
+        ):
             axis.step(DT, place, speed, accel)
         demand = []
-        for axis, loop, here, speed in zip(self.axes, self._vel_loops, now.position, now.velocity, strict=False):
+        for axis, loop, here, speed in zip(
+            self.axes, self._vel_loops, now.position, now.velocity, strict=False
+        ):
             error = axis.velocity + g.pos_xy * (axis.position - here) - speed
             loop.integrate(error)
             demand.append(loop.answer(error, axis.accel))
@@ -456,16 +485,21 @@ class Autopilot:
 
     def _lean(self, now: Estimate, north: float, east: float) -> tuple[float, float]:
         """Demand the tilt of a horizontal acceleration [m/s^2] at the target's yaw; returns roll and pitch."""
-        c, s = math.cos(now.yaw), math.sin(now.yaw)
-        ahead, right = c * north + s * east, -s * north + c * east
+        c = math.cos(now.yaw)
+        s = math.sin(now.yaw)
+        ahead = c * north + s * east
+        right = -s * north + c * east
         limit = MAX_TILT_RAD
         pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
         roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
-        self._demand_attitude(roll, pitch, self.shaped[2] if self.target.yaw is None else self.target.yaw)
+        self._demand_attitude(
+            roll, pitch, self.shaped[2] if self.target.yaw is None else self.target.yaw
+        )
         return roll, pitch
 
     def _vertical(self, now: Estimate) -> float:
-        g, axis = self.gains, self.axes[2]
+        g = self.gains
+        axis = self.axes[2]
         wanted = axis.velocity + g.pos_z * (axis.position - now.position[2])
         accel = axis.accel + g.vel_z * (wanted - now.velocity[2])
         error = self._acc_filtered - accel  # positive: more throttle
@@ -477,7 +511,8 @@ class Autopilot:
 
     def _demand_attitude(self, roll: float, pitch: float, yaw: float) -> None:
         """Move the shaped target towards a demand: first order with input_tc, within the acceleration limit."""
-        g, dt = self.gains, DT
+        g = self.gains
+        dt = DT
         self.command = (roll, pitch)
         for i, demand in enumerate((roll, pitch, yaw)):
             error = demand - self.shaped[i]
@@ -500,11 +535,17 @@ class Autopilot:
     def _inner(self, now: Estimate) -> Vec:
         """Moments [N m] that bring the attitude to the shaped target."""
         g = self.gains
-        sr, cr = math.sin(now.roll), math.cos(now.roll)
-        sp, cp = math.sin(now.pitch), math.cos(now.pitch)
-        er, ep, ey = self.shaped[0] - now.roll, self.shaped[1] - now.pitch, wrap(self.shaped[2] - now.yaw)
+        sr = math.sin(now.roll)
+        cr = math.cos(now.roll)
+        sp = math.sin(now.pitch)
+        cp = math.cos(now.pitch)
+        er = self.shaped[0] - now.roll
+        ep = self.shaped[1] - now.pitch
+        ey = wrap(self.shaped[2] - now.yaw)
         dr, dp, dy = self.shaped_rates
-        er, ep, ey = g.angle[0] * er + dr, g.angle[1] * ep + dp, g.angle[2] * ey + dy
+        er = g.angle[0] * er + dr
+        ep = g.angle[1] * ep + dp
+        ey = g.angle[2] * ey + dy
         # Euler rates -> body rates
         wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
         out = []

@@ -87,7 +87,8 @@ class MotorOutput:
 
     def output(self, thrust: float) -> float:
         """Output 0...1 for a thrust 0...1."""
-        t, e = min(1.0, max(0.0, thrust)), self.expo
+        t = min(1.0, max(0.0, thrust))
+        e = self.expo
         x = ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * t)) / (2.0 * e) if e else t
         return self.lowest + (self.highest - self.lowest) * x
 
@@ -134,7 +135,9 @@ class Pack:
 
     def draw(self, power_w: float, dt: float) -> None:
         """Supply ``power_w`` for ``dt`` seconds."""
-        open_v = self.full_v - (self.full_v - self.empty_v) * min(1.0, self.used_ah / self.capacity_ah)
+        open_v = self.full_v - (self.full_v - self.empty_v) * min(
+            1.0, self.used_ah / self.capacity_ah
+        )
         self.current_a += (power_w / self.voltage_v - self.current_a) * CURRENT_SHARE
         self.voltage_v = open_v - self.resistance_ohm * self.current_a
         self.used_ah += self.current_a * dt / 3600.0
@@ -143,7 +146,11 @@ class Pack:
 def pulses(vehicle: Vehicle) -> tuple[float, float]:
     """Servo output of a stopped motor, and from there to full [us]."""
     curve = vehicle.throttle
-    return (curve.pwm_min_us, curve.pwm_max_us - curve.pwm_min_us) if curve else (PWM_LOW_US, PWM_SPAN_US)
+    return (
+        (curve.pwm_min_us, curve.pwm_max_us - curve.pwm_min_us)
+        if curve
+        else (PWM_LOW_US, PWM_SPAN_US)
+    )
 
 
 def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
@@ -193,7 +200,9 @@ class Body:
     motor: MotorOutput = ARDUPILOT_MOTOR
     wind: Vec = (0.0, 0.0, 0.0)
     """Velocity of the air, NED [m/s]; may change in flight."""
-    position: list[float] = field(default_factory=lambda: [0.0, 0.0, GRAVITY / CONTACT_STIFFNESS - GEAR_M])
+    position: list[float] = field(
+        default_factory=lambda: [0.0, 0.0, GRAVITY / CONTACT_STIFFNESS - GEAR_M]
+    )
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
     rates: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -205,7 +214,8 @@ class Body:
     time_s: float = 0.0
 
     def __post_init__(self) -> None:
-        v, rng = self.vehicle, random.Random(f"vehicle {self.seed}")
+        v = self.vehicle
+        rng = random.Random(f"vehicle {self.seed}")
         self.radius = v.rotor_radius_m
         self._area = v.disc_area_m2
         self._per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
@@ -231,7 +241,10 @@ class Body:
                     rotors=tuple(range(first, first + count)),
                     ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, COEFFICIENT_SD),
                     cq_torque=tuple(-r.spin * each for r in fan.rotors),
-                    net_torque=(fan.cq or PAPER_CQ) * self._per_rpm2 * self.radius * (fan.ct is None),
+                    net_torque=(fan.cq or PAPER_CQ)
+                    * self._per_rpm2
+                    * self.radius
+                    * (fan.ct is None),
                 )
             )
             first += count
@@ -239,7 +252,8 @@ class Body:
 
     def _prepare_rotors(self, rng: random.Random) -> None:
         """From output to speed, and the power that it draws."""
-        v, curve = self.vehicle, self.vehicle.throttle
+        v = self.vehicle
+        curve = self.vehicle.throttle
         self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
         self._rotor_gain = [rng.gauss(1.0, COEFFICIENT_SD) for _ in v.rotors]
         self._pwm_low, self._pwm_span = pulses(v)
@@ -279,14 +293,20 @@ class Body:
     def hover_drag(self) -> tuple[float, float]:
         """Momentum drag of all fans at hover thrust [N per m/s], and how far above the CG it acts [m]."""
         count = len(self._fans)
-        drag = count * math.sqrt(RHO_SEA_LEVEL * self._area * (self.vehicle.mass_kg * GRAVITY / count)) * self._ram
+        drag = (
+            count
+            * math.sqrt(RHO_SEA_LEVEL * self._area * (self.vehicle.mass_kg * GRAVITY / count))
+            * self._ram
+        )
         return drag, DRAG_ARM_RADII * self.radius - sum(f.z for f in self._fans) / count
 
     @property
     def clearance_m(self) -> float:
         """Height of the lowest foot over the ground."""
         rot = self.rotation()
-        return -max(self.position[2] + rot[6] * x + rot[7] * y + rot[8] * z for x, y, z in self._feet)
+        return -max(
+            self.position[2] + rot[6] * x + rot[7] * y + rot[8] * z for x, y, z in self._feet
+        )
 
     @property
     def wall_gap_m(self) -> float:
@@ -317,7 +337,9 @@ class Body:
         rpm = self.rpm
         for k, channel in enumerate(self.rotor_channels):
             a = min(1.0, max(0.0, (pwm[channel] - self._pwm_low) / self._pwm_span))
-            target = self._rpm_full * math.sqrt(thrust_share(a, self._expo)) * sag * self._rotor_gain[k]
+            target = (
+                self._rpm_full * math.sqrt(thrust_share(a, self._expo)) * sag * self._rotor_gain[k]
+            )
             error = target - rpm[k]
             rpm[k] += error * (self._spin_up if error > 0.0 else self._spin_down)
 
@@ -326,8 +348,11 @@ class Body:
         vn, ve, vd = (v - w for v, w in zip(self.velocity, self.wind, strict=True))
         u, v, w = turned_back(rot, (vn, ve, vd))
         bearing = self.surroundings.wall_azimuth_rad - math.atan2(rot[3], rot[0])
-        cb, sb = math.cos(bearing), math.sin(bearing)
-        noise, radius, rpm = self._unsteady.step(), self.radius, self.rpm
+        cb = math.cos(bearing)
+        sb = math.sin(bearing)
+        noise = self._unsteady.step()
+        radius = self.radius
+        rpm = self.rpm
         inflow = 1.0 + INFLOW_PER_M_S * w
         fz = mx = my = mz = power = 0.0
         corner = unsteady = drag = ZERO6
@@ -351,7 +376,9 @@ class Body:
             lifts.append(t0 * (1.0 + inc.z + inc.rms * noise[6 * i + 2]))
         causes = self.causes
         causes.free = (0.0, 0.0, fz, mx, my, mz)
-        causes.corner, causes.unsteady, causes.drag = corner, unsteady, drag
+        causes.corner = corner
+        causes.unsteady = unsteady
+        causes.drag = drag
         causes.vanes = self._vane_wrench(pwm, lifts)
         self.pack.draw(power + AVIONICS_W, self.dt)
 
@@ -371,8 +398,12 @@ class Body:
         total = ZERO6
         for k, (vane, gain) in enumerate(zip(self.vehicle.vanes, self._vane_gains, strict=True)):
             us = pwm[vane.servo - 1]
-            target = vane.rad_per_us * (us - vane.neutral_us) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
-            self.deflection[k] += (max(-VANE_LIMIT_RAD, min(VANE_LIMIT_RAD, target)) - self.deflection[k]) * self._servo
+            target = (
+                vane.rad_per_us * (us - vane.neutral_us) if us > 0.0 else 0.0
+            )  # 0: no pulse, the vane stays
+            self.deflection[k] += (
+                max(-VANE_LIMIT_RAD, min(VANE_LIMIT_RAD, target)) - self.deflection[k]
+            ) * self._servo
             side = gain * self.deflection[k] * lifts[vane.fan - 1]
             ax, ay, az = vane.axis
             total = added(total, wrench_of((side * ax, side * ay, side * az), vane.position_m))
@@ -389,10 +420,13 @@ class Body:
             for point in self._feet:
                 depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
                 if depth > 0.0:
-                    total = added(total, self._press(rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION))
+                    total = added(
+                        total, self._press(rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
+                    )
         if near_wall:
             into = (self._wall_cos, self._wall_sin, 0.0)
-            bx, by = rot[0] * into[0] + rot[3] * into[1], rot[1] * into[0] + rot[4] * into[1]
+            bx = rot[0] * into[0] + rot[3] * into[1]
+            by = rot[1] * into[0] + rot[4] * into[1]
             size = math.hypot(bx, by)
             for fan in self._fans:
                 lip = (fan.x + fan.lip * bx / size, fan.y + fan.lip * by / size, fan.z)
@@ -403,14 +437,21 @@ class Body:
                     total = added(total, self._press(rot, lip, into, depth, WALL_FRICTION))
         self.causes.contact = total
 
-    def _press(self, rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float) -> Wrench6:
+    def _press(
+        self, rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float
+    ) -> Wrench6:
         """Wrench of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
         self.contact = True
         x, y, z = point
         p, q, r = self.rates
         # velocity of the point, NED
-        bx, by, bz = q * z - r * y, r * x - p * z, p * y - q * x
-        v = [self.velocity[i] + rot[3 * i] * bx + rot[3 * i + 1] * by + rot[3 * i + 2] * bz for i in range(3)]
+        bx = q * z - r * y
+        by = r * x - p * z
+        bz = p * y - q * x
+        v = [
+            self.velocity[i] + rot[3 * i] * bx + rot[3 * i + 1] * by + rot[3 * i + 2] * bz
+            for i in range(3)
+        ]
         inward = v[0] * into[0] + v[1] * into[1] + v[2] * into[2]
         normal = max(0.0, self._spring * depth + self._damper * inward)
         slide = [v[i] - inward * into[i] for i in range(3)]
@@ -419,7 +460,8 @@ class Body:
         return wrench_of(turned_back(rot, (f[0], f[1], f[2])), point)
 
     def _integrate(self, rot: tuple[float, ...]) -> None:
-        c, dt = self.causes, self.dt
+        c = self.causes
+        dt = self.dt
         fx, fy, fz, mx, my, mz = map(sum, zip(*vars(c).values(), strict=True))
         m = self.vehicle.mass_kg
         ix, iy, iz = self.vehicle.inertia_kgm2
@@ -430,7 +472,8 @@ class Body:
         q += dt * (my - (ix - iz) * r * p) / iy
         r += dt * (mz - (iy - ix) * p * q) / iz
         self.rates = [p, q, r]
-        v, x = self.velocity, self.position
+        v = self.velocity
+        x = self.position
         for i, gravity in enumerate((0.0, 0.0, GRAVITY)):
             v[i] += dt * (accel[i] + gravity)
             x[i] += dt * v[i]

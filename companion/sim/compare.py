@@ -74,7 +74,8 @@ class CompareSettings:
 
 def fly(settings: CompareSettings, leg: Leg, seed: int) -> Flown:
     """Fly one leg in lockstep and judge it: the same numbers on every machine, however busy."""
-    vehicle, several = settings.flown_vehicle, settings.approaches > 1
+    vehicle = settings.flown_vehicle
+    several = settings.approaches > 1
     once = build(settings.scenario, vehicle, air=leg is not Leg.FREE)
     config = None
     if leg is not Leg.AUTOPILOT:
@@ -103,7 +104,9 @@ def run_compare(
     if workers == 1 or len(jobs) == 1:
         return list(watched(fly(settings, *job) for job in jobs))
     fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=fresh, initializer=_leave_quietly) as pool:
+    with ProcessPoolExecutor(
+        min(workers, len(jobs)), mp_context=fresh, initializer=_leave_quietly
+    ) as pool:
         pending = pool.map(fly, repeat(settings), *zip(*jobs, strict=True))
         try:
             return list(watched(pending))
@@ -119,10 +122,16 @@ def _leave_quietly() -> None:
 
 
 def compare(
-    seeds: Sequence[int], settings: CompareSettings, *, workers: int | None = None, quiet: bool = True
+    seeds: Sequence[int],
+    settings: CompareSettings,
+    *,
+    workers: int | None = None,
+    quiet: bool = True,
 ) -> LegComparison:
     """Fly all legs with every seed."""
-    model, vehicle, scenario = settings.choice.model, settings.flown_vehicle, settings.scenario
+    model = settings.choice.model
+    vehicle = settings.flown_vehicle
+    scenario = settings.scenario
     errors = tuple(model_error(model, vehicle, law_of(scenario, seed)) for seed in seeds)
     flights = run_compare(seeds, settings, workers=workers, quiet=quiet)
     return LegComparison(scenario, settings.choice.name, errors, tuple(flights))

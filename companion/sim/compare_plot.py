@@ -21,17 +21,24 @@ _POINTS = 800
 def write_plot(path: Path, found: LegComparison) -> None:
     """Write the SVG file; ConfigError where that fails."""
     flights = [f for f in found.flights if f.seed == found.seeds[0] and f.leg in _KINDS]
-    panels = {f"{axis} error [{UNITS[axis]}]": [_line(f, axis) for f in flights] for axis in ("height", "lateral")}
+    panels = {
+        f"{axis} error [{UNITS[axis]}]": [_line(f, axis) for f in flights]
+        for axis in ("height", "lateral")
+    }
     title = f"sim:{found.scenario}, simulated, seed {found.seeds[0]}"
     try:
-        path.write_text(picture(title, panels, f"time of the script [s] ({title})", _bands(flights[0])), "utf-8")
+        path.write_text(
+            picture(title, panels, f"time of the script [s] ({title})", _bands(flights[0])), "utf-8"
+        )
     except OSError as error:
         raise ConfigError(f"--plot {path}: cannot be written ({error.strerror})") from None
 
 
 def _line(flight: Flown, axis: str) -> Line:
     every = max(len(flight.time_s) // _POINTS, 1)
-    return Line(flight.time_s[::every], flight.size(axis)[::every], _KINDS[flight.leg], flight.leg.value)
+    return Line(
+        flight.time_s[::every], flight.size(axis)[::every], _KINDS[flight.leg], flight.leg.value
+    )
 
 
 def _bands(flight: Flown) -> list[Band]:
@@ -39,5 +46,7 @@ def _bands(flight: Flown) -> list[Band]:
     edges = [0, *(np.flatnonzero(np.diff(flight.phase)) + 1).tolist(), len(flight.phase) - 1]
     spans = [(a, b, PHASES[flight.phase[a]]) for a, b in pairwise(edges)]
     return [
-        Band(float(flight.time_s[a]), float(flight.time_s[b]), "d", name) for a, b, name in spans if name != "between"
+        Band(float(flight.time_s[a]), float(flight.time_s[b]), "d", name)
+        for a, b, name in spans
+        if name != "between"
     ]

@@ -51,7 +51,10 @@ class LegComparison:
 
     def error(self) -> dict[str, float]:
         """How wrong the model is, mean over the seeds."""
-        return {axis: float(np.mean([getattr(e, axis) for e in self.errors])) for axis in ("lift", "pull", "tilt")}
+        return {
+            axis: float(np.mean([getattr(e, axis) for e in self.errors]))
+            for axis in ("lift", "pull", "tilt")
+        }
 
 
 def spread(flights: Sequence[Flown], number: Callable[[Flown], float]) -> tuple[float, float]:
@@ -71,11 +74,16 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str,
     sum |e_off - e_free|^2, instant by instant on flights that share their noise: the same question, less scatter.
     """
     compared = (Leg.OFF, leg, Leg.FREE)
-    by_seed = [{f.leg: f for f in flights if f.seed == seed} for seed in sorted({f.seed for f in flights})]
-    trios = [[by_leg[one] for one in compared] for by_leg in by_seed if set(compared) <= set(by_leg)]
+    by_seed = [
+        {f.leg: f for f in flights if f.seed == seed} for seed in sorted({f.seed for f in flights})
+    ]
+    trios = [
+        [by_leg[one] for one in compared] for by_leg in by_seed if set(compared) <= set(by_leg)
+    ]
     if not trios:
         return None
-    energy, paired = {}, {}
+    energy = {}
+    paired = {}
     for axis in AXES:
         off, on, free = np.sum([[f.rms(axis) ** 2 for f in trio] for trio in trios], axis=0)
         energy[axis] = float(1.0 - (on - free) / (off - free)) if off > free else math.nan
@@ -83,7 +91,8 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str,
         for trio in trios:
             n = min(len(f.time_s) for f in trio)
             a, b, c = (getattr(f, axis)[:n] for f in trio)
-            whole, left = whole + float(np.sum((a - c) ** 2)), left + float(np.sum((b - c) ** 2))
+            whole = whole + float(np.sum((a - c) ** 2))
+            left = left + float(np.sum((b - c) ** 2))
         paired[axis] = 1.0 - left / whole if whole > 0.0 else math.nan
     return {"energy": energy, "paired": paired}
 
@@ -106,9 +115,13 @@ def as_json(found: LegComparison) -> dict[str, Any]:
         "units": UNITS,
         "model": found.model,
         "model_error": {**found.error(), "without_offsets": WITHOUT_OFFSETS},
-        "legs": {leg.name.lower(): _leg_json(leg, flights, found) for leg, flights in found.legs.items()},
+        "legs": {
+            leg.name.lower(): _leg_json(leg, flights, found) for leg, flights in found.legs.items()
+        },
         "air_caused_part_removed": {
-            name: {way: {a: _rounded(v, 4) for a, v in shares.items()} for way, shares in part.items()}
+            name: {
+                way: {a: _rounded(v, 4) for a, v in shares.items()} for way, shares in part.items()
+            }
             for name, part in parts.items()
             if part is not None
         },
@@ -130,7 +143,10 @@ def _leg_json(leg: Leg, flights: Sequence[Flown], found: LegComparison) -> dict[
 
 
 def _flight_json(flight: Flown, found: LegComparison) -> dict[str, Any]:
-    of_axis = {axis: {"rms": round(flight.rms(axis), 3), "peak": round(flight.peak(axis), 3)} for axis in AXES}
+    of_axis = {
+        axis: {"rms": round(flight.rms(axis), 3), "peak": round(flight.peak(axis), 3)}
+        for axis in AXES
+    }
     return {
         "seed": flight.seed,
         "leg": flight.leg.name.lower(),
@@ -147,7 +163,9 @@ def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dic
     def of_phase(k: int, phase: str | None) -> dict[str, float | None]:
         return {a: _rounded(_rms(flights, a, k, phase)) for a in ("height", "lateral")}
 
-    return [{phase or "all": of_phase(k, phase) for phase in found.phases} for k in found.approaches]
+    return [
+        {phase or "all": of_phase(k, phase) for phase in found.phases} for k in found.approaches
+    ]
 
 
 def _rounded(value: float, digits: int = 3) -> float | None:
@@ -163,7 +181,9 @@ _NAME, _CELL = 28, 14
 
 def as_text(found: LegComparison) -> str:
     """The tables that a user reads."""
-    seeds, wide, several = found.seeds, len(found.seeds) > 1, len(found.approaches) > 1
+    seeds = found.seeds
+    wide = len(found.seeds) > 1
+    several = len(found.approaches) > 1
     wrong = ", ".join(f"{100.0 * share:.0f} % in {axis}" for axis, share in found.error().items())
     of = f"{len(found.approaches)} approaches" if several else "one approach"
     column = 13 if wide else 9
@@ -177,13 +197,18 @@ def as_text(found: LegComparison) -> str:
         " " * _NAME + "".join(f"{'RMS':>{column}}{'peak':>{column}}" for _ in AXES) + "  touched",
     ]
     lines += [_leg_line(leg, flights, column, wide) for leg, flights in found.legs.items()]
-    lines += ["", f"{'RMS height / lateral [mm]':{_NAME}}" + "".join(f"{p or 'all':>{_CELL}}" for p in found.phases)]
+    lines += [
+        "",
+        f"{'RMS height / lateral [mm]':{_NAME}}"
+        + "".join(f"{p or 'all':>{_CELL}}" for p in found.phases),
+    ]
     for leg, flights in found.legs.items():
         if several:
             lines.append(leg.value)
         for k in found.approaches:
             cells = (
-                f"{_rms(flights, 'height', k, p):.1f} / {_rms(flights, 'lateral', k, p):.1f}" for p in found.phases
+                f"{_rms(flights, 'height', k, p):.1f} / {_rms(flights, 'lateral', k, p):.1f}"
+                for p in found.phases
             )
             name = f"  approach {k}" if several else leg.value
             lines.append(f"{name:{_NAME}}" + "".join(f"{cell:>{_CELL}}" for cell in cells))
@@ -208,5 +233,8 @@ def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> st
 
 
 def _part_line(name: str, shares: Mapping[str, float]) -> str:
-    cells = "".join(f"{axis} {100 * v:.0f} %   " if math.isfinite(v) else f"{axis} -   " for axis, v in shares.items())
+    cells = "".join(
+        f"{axis} {100 * v:.0f} %   " if math.isfinite(v) else f"{axis} -   "
+        for axis, v in shares.items()
+    )
     return f"  {name:20}{cells}".rstrip()

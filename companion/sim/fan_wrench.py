@@ -61,9 +61,14 @@ def corner_wrench(
     ``lift``: of the fan in free air [N]; ``square``: mean square of its rotor speeds [rpm^2]; ``cb``, ``sb``: cosine
     and sine of the wall's bearing in the body frame.
     """
-    a, b, c = lift * inc.x, lift * inc.y, lift * inc.z
-    ma, mb = lift * radius * inc.mx, lift * radius * inc.my
-    fx, fy, fz = cb * a + sb * b, sb * a - cb * b, -c
+    a = lift * inc.x
+    b = lift * inc.y
+    c = lift * inc.z
+    ma = lift * radius * inc.mx
+    mb = lift * radius * inc.my
+    fx = cb * a + sb * b
+    fy = sb * a - cb * b
+    fz = -c
     return (
         fx,
         fy,
@@ -74,10 +79,14 @@ def corner_wrench(
     )
 
 
-def unsteady_wrench(fan: SimFan, scale: float, noise: Sequence[float], first: int, radius: float) -> Wrench6:
+def unsteady_wrench(
+    fan: SimFan, scale: float, noise: Sequence[float], first: int, radius: float
+) -> Wrench6:
     """Turbulence: ``scale`` is the RMS of the lift [N]; six numbers of ``noise`` from ``first`` on."""
     level = LEVEL_SHARE * scale
-    fx, fy, fz = level * noise[first], level * noise[first + 1], -scale * noise[first + 2]
+    fx = level * noise[first]
+    fy = level * noise[first + 1]
+    fz = -scale * noise[first + 2]
     moment = level * radius
     return (
         fx,

@@ -76,12 +76,15 @@ class SimulatedFlight:
         The side force of ground and wall, the momentum drag at the reference velocity, and the side force of the vanes
         that hold the moments of both: the tilt of a pilot who knows everything.
         """
-        body, c = self.body, self.body.causes
+        body = self.body
+        c = self.body.causes
         yaw = body.euler()[2]
         vn, ve, _ = self.reference.velocity
-        ahead, right = math.cos(yaw) * vn + math.sin(yaw) * ve, -math.sin(yaw) * vn + math.cos(yaw) * ve
+        ahead = math.cos(yaw) * vn + math.sin(yaw) * ve
+        right = -math.sin(yaw) * vn + math.cos(yaw) * ve
         drag, arm = body.hover_drag()
-        fx, fy = c.corner[0] - drag * ahead, c.corner[1] - drag * right
+        fx = c.corner[0] - drag * ahead
+        fy = c.corner[1] - drag * right
         roll_moment = c.corner[3] - arm * drag * right
         for vane in self.vehicle.vanes[:1]:
             if abs(vane.axis[1]) > 0.5 and vane.position_m[2]:

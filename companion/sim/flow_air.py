@@ -33,7 +33,8 @@ class FlowAir:
 
     def __init__(self, data: DataSet, radius_m: float) -> None:
         near, shares = _shares(data, radius_m)
-        self._low, self._high = near.min(axis=0).tolist(), math.log(FREE_RADII)
+        self._low = near.min(axis=0).tolist()
+        self._high = math.log(FREE_RADII)
         knots = [np.linspace(low, self._high, _KNOTS) for low in self._low]
         self._per_knot = [(_KNOTS - 1) / (self._high - low) for low in self._low]
         grid = np.stack(np.meshgrid(*knots, indexing="ij"), axis=-1)
@@ -43,9 +44,15 @@ class FlowAir:
         """At height ``eta`` = h/R and lip-to-wall distance ``delta`` = d/R (either may be inf)."""
         i, a = self._cell(0, eta)
         j, b = self._cell(1, delta)
-        rows = self._table[i][j], self._table[i][j + 1], self._table[i + 1][j], self._table[i + 1][j + 1]
+        rows = (
+            self._table[i][j],
+            self._table[i][j + 1],
+            self._table[i + 1][j],
+            self._table[i + 1][j + 1],
+        )
         x, y, z, mx, my, mz = [
-            (1.0 - a) * ((1.0 - b) * p + b * q) + a * ((1.0 - b) * r + b * s) for p, q, r, s in zip(*rows, strict=True)
+            (1.0 - a) * ((1.0 - b) * p + b * q) + a * ((1.0 - b) * r + b * s)
+            for p, q, r, s in zip(*rows, strict=True)
         ]
         return Increments(x, y, z, mx, my, mz, NOMINAL.increments(eta, delta).rms)
 
@@ -78,7 +85,9 @@ def _interpolated(place: Array, values: Array, grid: Array) -> Array:
 def require_scipy() -> None:
     """Raises ConfigError where it is not installed."""
     if find_spec("scipy") is None:
-        raise ConfigError("sim:corner_cfd: needs the package scipy: pip install 'corner-compensator[replay]'")
+        raise ConfigError(
+            "sim:corner_cfd: needs the package scipy: pip install 'corner-compensator[replay]'"
+        )
 
 
 @lru_cache(maxsize=1)

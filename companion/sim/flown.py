@@ -111,13 +111,15 @@ class Witness:
 
     def step(self) -> None:
         """Take down a row when due. Call once per physics step."""
-        f, now_s = self._flight, self._flight.time_s
+        f = self._flight
+        now_s = self._flight.time_s
         if now_s + 0.5 * DT < self._next_s:
             return
         self._next_s = round(now_s + STEP_S, 4)
         if f.script_s < 0.0:
             return
-        reference, body = f.reference, f.body
+        reference = f.reference
+        body = f.body
         self._rows.append((
             f.script_s, *reference.position, *body.position, *body.euler()[:2], *f.needed_tilt(),
             f.autopilot.hand == "stream", body.contact, _STAYS.get(reference.phase, PHASES.index("between")),
@@ -138,8 +140,11 @@ def fly_judged(
     record: Path | None = None, pilot: type[ScriptedPilot] = ScriptedPilot,
 ) -> Flown:  # fmt: skip
     """Fly in lockstep and judge; ``config`` None: the autopilot flies. The same numbers on every machine."""
-    witness, companion = Witness(flight), config is not None
-    world = Lockstep(flight, pilot.link, lambda w: pilot(w.flight, w.link, companion=companion), witness.step)
+    witness = Witness(flight)
+    companion = config is not None
+    world = Lockstep(
+        flight, pilot.link, lambda w: pilot(w.flight, w.link, companion=companion), witness.step
+    )
     world.fly(config, record)
     found = flown(leg, flight.seed, witness.columns(), approach_s)
     known = None if world.companion is None else world.companion.summary.adaptation
@@ -174,6 +179,8 @@ def flown(leg: Leg, seed: int, truth: Mapping[str, Array], approach_s: float = m
         lateral=np.column_stack([position("n"), position("e")]),
         tilt=np.column_stack([on_grid(truth[a] - truth[f"need_{a}"]) for a in ("roll", "pitch")]),
         touched_s=float(np.sum(truth["contact"]) * STEP_S),
-        phase=truth["phase"][np.maximum(np.searchsorted(script, grid, side="right") - 1, 0)].astype(np.intp),
+        phase=truth["phase"][np.maximum(np.searchsorted(script, grid, side="right") - 1, 0)].astype(
+            np.intp
+        ),
         approach_s=approach_s,
     )

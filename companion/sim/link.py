@@ -15,7 +15,8 @@ from companion.sim.flight import SimulatedFlight
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
 from models.frames import quaternion_from_euler
 
-SYSTEM, AUTOPILOT = 1, mavlink.MAV_COMP_ID_AUTOPILOT1
+SYSTEM = 1
+AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 PILOT_SYSTEM, PILOT_COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
 """Ids that ground stations use by default."""
@@ -150,7 +151,11 @@ class VehicleLink:
         coaxial = any(len(n.rotors) > 1 for n in self._flight.vehicle.fans)
         kind = mavlink.MAV_TYPE_COAXIAL if coaxial else mavlink.MAV_TYPE_QUADROTOR
         state = mavlink.MAV_STATE_STANDBY if pilot.landed else mavlink.MAV_STATE_ACTIVE
-        return [mavlink.MAVLink_heartbeat_message(kind, self.firmware, base, self._custom_mode(), state, 3)]
+        return [
+            mavlink.MAVLink_heartbeat_message(
+                kind, self.firmware, base, self._custom_mode(), state, 3
+            )
+        ]
 
     def _attitude(self) -> Messages:
         e = self._flight.estimate
@@ -163,7 +168,9 @@ class VehicleLink:
     def _highres_imu(self) -> Messages:
         e = self._flight.estimate
         air = (0.2, 0.0, 0.4, 1013.25, 0.0, 0.0, 25.0, 0x3F)
-        return [mavlink.MAVLink_highres_imu_message(self.boot_us, *e.specific_force, *e.rates, *air)]
+        return [
+            mavlink.MAVLink_highres_imu_message(self.boot_us, *e.specific_force, *e.rates, *air)
+        ]
 
     def _local_position(self) -> Messages:
         e = self._flight.estimate
@@ -178,20 +185,33 @@ class VehicleLink:
 
     def _attitude_target(self) -> Messages:
         a = self._flight.autopilot
-        q, thrust = quaternion_from_euler(*a.shaped), max(0.0, min(1.0, a.throttle))
-        return [mavlink.MAVLink_attitude_target_message(self.boot_ms, 0, q, *a.shaped_rates, thrust)]
+        q = quaternion_from_euler(*a.shaped)
+        thrust = max(0.0, min(1.0, a.throttle))
+        return [
+            mavlink.MAVLink_attitude_target_message(self.boot_ms, 0, q, *a.shaped_rates, thrust)
+        ]
 
     def _battery(self) -> Messages:
         p = self._flight.body.pack
-        volts, amps, used = [round(1000.0 * p.voltage_v)] + [65535] * 9, round(100.0 * p.current_a), p.used_ah
+        volts = [round(1000.0 * p.voltage_v)] + [65535] * 9
+        amps = round(100.0 * p.current_a)
+        used = p.used_ah
         left = max(0, round(100.0 * (1.0 - used / p.capacity_ah)))
-        return [mavlink.MAVLink_battery_status_message(0, 0, 1, 32767, volts, amps, round(1000.0 * used), -1, left)]
+        return [
+            mavlink.MAVLink_battery_status_message(
+                0, 0, 1, 32767, volts, amps, round(1000.0 * used), -1, left
+            )
+        ]
 
     def _landed_state(self) -> int:
         pilot = self._flight.autopilot
         if pilot.landed:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
-        return int(mavlink.MAV_LANDED_STATE_TAKEOFF if pilot.taking_off else mavlink.MAV_LANDED_STATE_IN_AIR)
+        return int(
+            mavlink.MAV_LANDED_STATE_TAKEOFF
+            if pilot.taking_off
+            else mavlink.MAV_LANDED_STATE_IN_AIR
+        )
 
     def _extended_state(self) -> Messages:
         return [mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())]
@@ -230,16 +250,22 @@ class VehicleLink:
         return out
 
     def _esc_telemetry(self) -> Messages:
-        f, rpm = self._flight, [round(v) for v in self._esc_rpm()]
+        f = self._flight
+        rpm = [round(v) for v in self._esc_rpm()]
         groups = (
             mavlink.MAVLink_esc_telemetry_1_to_4_message,
             mavlink.MAVLink_esc_telemetry_5_to_8_message,
             mavlink.MAVLink_esc_telemetry_9_to_12_message,
         )
-        volts, amps = round(100.0 * f.body.pack.voltage_v), round(100.0 * f.body.pack.current_a / len(f.body.rpm))
+        volts = round(100.0 * f.body.pack.voltage_v)
+        amps = round(100.0 * f.body.pack.current_a / len(f.body.rpm))
         same = [[v] * 4 for v in (int(f.esc.temperature_c), volts, amps, 0)]
         count = [f.esc.count & 0xFFFF] * 4
-        return [group(*same, rpm[4 * i : 4 * i + 4], count) for i, group in enumerate(groups) if 4 * i < len(rpm)]
+        return [
+            group(*same, rpm[4 * i : 4 * i + 4], count)
+            for i, group in enumerate(groups)
+            if 4 * i < len(rpm)
+        ]
 
     # -- in ---------------------------------------------------------------------------------------------------------
 
@@ -252,7 +278,11 @@ class VehicleLink:
     def hear(self, message: Any) -> None:
         """One message: obeyed where it is for us, for all, or for nobody in particular."""
         handler = getattr(self, f"_on_{message.get_type().lower()}", None)
-        if handler is not None and getattr(message, "target_system", SYSTEM) in (0, SYSTEM) and self._for_us(message):
+        if (
+            handler is not None
+            and getattr(message, "target_system", SYSTEM) in (0, SYSTEM)
+            and self._for_us(message)
+        ):
             handler(message)
 
     def _for_us(self, message: Any) -> bool:
@@ -263,25 +293,31 @@ class VehicleLink:
             self._out(mavlink.MAVLink_timesync_message(1_000_000 * self.boot_ms, m.ts1))
 
     def _on_set_attitude_target(self, m: Any) -> None:
-        pilot, now = self._flight.autopilot, self._flight.time_s
+        pilot = self._flight.autopilot
+        now = self._flight.time_s
         if pilot.mode not in pilot.stream_modes:
             return
         rates = None
         if m.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE:
             rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
         roll, pitch, yaw = (0.0, 0.0, 0.0) if rates else euler(m.q)
-        pilot.fly_attitude(AttitudeDemand(roll, pitch, yaw, rates, max(0.0, min(1.0, m.thrust)), now))
+        pilot.fly_attitude(
+            AttitudeDemand(roll, pitch, yaw, rates, max(0.0, min(1.0, m.thrust)), now)
+        )
         if now - self.attitude_stream_s > 0.3:
             self.attitude_since_s = now
         self.attitude_stream_s = now
 
     def _on_set_position_target_local_ned(self, m: Any) -> None:
         """A place in the local frame, with or without a velocity and a heading."""
-        pilot, f = self._flight.autopilot, self._flight
+        pilot = self._flight.autopilot
+        f = self._flight
         if pilot.mode is Mode.GUIDED and not pilot.landed:
             velocity = (0.0, 0.0, 0.0) if m.type_mask & 0x38 else (m.vx, m.vy, m.vz)
             yaw = None if m.type_mask & 0x400 else m.yaw
-            pilot.fly_to(PositionTarget((m.x, m.y, m.z), velocity, yaw=yaw, time_s=f.time_s), f.estimate)
+            pilot.fly_to(
+                PositionTarget((m.x, m.y, m.z), velocity, yaw=yaw, time_s=f.time_s), f.estimate
+            )
 
     def _on_command_long(self, m: Any) -> None:
         self._out(mavlink.MAVLink_command_ack_message(m.command, self._command(m)))
@@ -327,11 +363,22 @@ class VehicleLink:
     # -- parameters -------------------------------------------------------------------------------------------------
 
     def _send_param(self, name: str) -> None:
-        p, kind = self._flight.autopilot.parameters, mavlink.MAV_PARAM_TYPE_REAL32
-        self._out(mavlink.MAVLink_param_value_message(name.encode(), p[name], kind, len(p), list(p).index(name)))
+        p = self._flight.autopilot.parameters
+        kind = mavlink.MAV_PARAM_TYPE_REAL32
+        self._out(
+            mavlink.MAVLink_param_value_message(
+                name.encode(), p[name], kind, len(p), list(p).index(name)
+            )
+        )
 
     def _on_param_request_read(self, m: Any) -> None:
         names = list(self._flight.autopilot.parameters)
-        name = m.param_id if m.param_index < 0 else names[m.param_index] if m.param_index < len(names) else ""
+        name = (
+            m.param_id
+            if m.param_index < 0
+            else names[m.param_index]
+            if m.param_index < len(names)
+            else ""
+        )
         if name in names:
             self._param_queue.append(name)

@@ -81,7 +81,9 @@ class Lockstep:
         while not self._pilot.over:
             self._step()
 
-    def _run_companion(self, config: PipelineConfig, recorder: Records | None, options: FlightOptions) -> None:
+    def _run_companion(
+        self, config: PipelineConfig, recorder: Records | None, options: FlightOptions
+    ) -> None:
         arrivals = Arrivals(self)
         link = Link(self, "lockstep", arrivals)
         self.recv(0)  # sent before its socket was open
@@ -111,7 +113,8 @@ class Lockstep:
 
     def _read_up(self) -> bytes:
         """Everything that has reached the vehicle."""
-        data, self._up = bytes(self._up), bytearray()
+        data = bytes(self._up)
+        self._up = bytearray()
         return data
 
     # -- the companion's clock --------------------------------------------------------------------------------------
@@ -136,7 +139,8 @@ class Lockstep:
 
     def recv(self, _size: int) -> bytes:
         """What the vehicle sent."""
-        data, self._down = bytes(self._down), bytearray()
+        data = bytes(self._down)
+        self._down = bytearray()
         return data
 
     def write(self, data: bytes) -> None:

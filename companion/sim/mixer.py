@@ -20,21 +20,28 @@ class Mixer:
     stream of a hovering fan.
     """
 
-    def __init__(self, vehicle: Vehicle, hover: float, motor: MotorOutput = ARDUPILOT_MOTOR) -> None:
-        fans, vanes = vehicle.fans, vehicle.vanes
+    def __init__(
+        self, vehicle: Vehicle, hover: float, motor: MotorOutput = ARDUPILOT_MOTOR
+    ) -> None:
+        fans = vehicle.fans
+        vanes = vehicle.vanes
         full = effectiveness(vehicle)
         if np.linalg.matrix_rank(full, tol=1e-3) < 4:
             raise ConfigError(
                 "vehicle file: fans and vanes cannot hold roll, pitch and yaw; "
                 "give each single-rotor 'fan' its 'ct' and 'cq', or add a 'vane'"
             )
-        rows = np.linalg.pinv(full)[:, 1:].tolist()  # (actuators, 3): share of hover lift / of vane travel per N m
-        self._fan_rows, self._vane_rows = rows[: len(fans)], rows[len(fans) :]
+        rows = np.linalg.pinv(full)[
+            :, 1:
+        ].tolist()  # (actuators, 3): share of hover lift / of vane travel per N m
+        self._fan_rows = rows[: len(fans)]
+        self._vane_rows = rows[len(fans) :]
         self._hover = hover
         self._motor = motor
         self._fans = [[(r.esc or r.servo or 1) - 1 for r in fan.rotors] for fan in fans]
         self._vanes = [
-            (v.servo - 1, v.neutral_us, (VANE_LIMIT_RAD / v.rad_per_us) if v.rad_per_us else 0.0) for v in vanes
+            (v.servo - 1, v.neutral_us, (VANE_LIMIT_RAD / v.rad_per_us) if v.rad_per_us else 0.0)
+            for v in vanes
         ]
         self._low, self._span = pulses(vehicle)
         self.pwm = [0.0] * 16
@@ -56,7 +63,8 @@ class Mixer:
         """Set the outputs for a mean throttle 0...1 and moments [N m]."""
         parts = [self._hover * (a * roll + b * pitch + c * yaw) for a, b, c in self._fan_rows]
         # Moments come first: the mean throttle gives way so that no fan leaves 0...1.
-        low, high = min(parts), max(parts)
+        low = min(parts)
+        high = max(parts)
         throttle = min(max(throttle, -low), 1.0 - high) if high - low < 1.0 else 0.5
         self._write_fans([self._motor.output(throttle + part) for part in parts])
         self.saturated = False
@@ -76,7 +84,8 @@ class Mixer:
 def effectiveness(vehicle: Vehicle) -> Array:
     """Lift [N] and moments [N m] of full hover lift of each fan and full travel of each vane: shape (4, actuators)."""
     lift_each = vehicle.mass_kg * GRAVITY / len(vehicle.fans)
-    columns, scale = [], [lift_each] * len(vehicle.fans)
+    columns = []
+    scale = [lift_each] * len(vehicle.fans)
     for fan in vehicle.fans:
         x, y, _ = fan.position_m
         spin = sum(r.spin for r in fan.rotors) / len(fan.rotors)

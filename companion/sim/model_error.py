@@ -33,7 +33,9 @@ def model_error(model: FanSurrogate, vehicle: Vehicle, truth: SurfaceLaw) -> Law
     def effects(state: AirState) -> Array:
         return adopted_wrench(model.effects, Context(state, vehicle, model), in_flight=True)
 
-    alone, believed, true = effects(_hover(vehicle, math.inf, math.inf, rpm)), [], []
+    alone = effects(_hover(vehicle, math.inf, math.inf, rpm))
+    believed = []
+    true = []
     for eta, delta in CORNER_PLACES:
         here = _hover(vehicle, eta, delta, rpm)
         seen = corrected_state(model.effects, here)
@@ -45,8 +47,14 @@ def model_error(model: FanSurrogate, vehicle: Vehicle, truth: SurfaceLaw) -> Law
 
 def _hover(vehicle: Vehicle, eta: float, delta: float, rpm: float) -> AirState:
     """Level, with the lowest fan at ``eta`` and the foremost lip at ``delta`` rotor radii from ground and wall."""
-    radius, azimuth, place = vehicle.rotor_radius_m, wall_azimuth(vehicle), vehicle.fan_positions_m
-    lip = place[:, 0] * math.cos(azimuth) + place[:, 1] * math.sin(azimuth) + [f.lip_radius_m for f in vehicle.fans]
+    radius = vehicle.rotor_radius_m
+    azimuth = wall_azimuth(vehicle)
+    place = vehicle.fan_positions_m
+    lip = (
+        place[:, 0] * math.cos(azimuth)
+        + place[:, 1] * math.sin(azimuth)
+        + [f.lip_radius_m for f in vehicle.fans]
+    )
     still = blank_state((), len(vehicle.fans), len(vehicle.rotors))
     return replace(
         still,
@@ -59,7 +67,9 @@ def _hover(vehicle: Vehicle, eta: float, delta: float, rpm: float) -> AirState:
 
 def _true_shares(truth: SurfaceLaw, vehicle: Vehicle, state: AirState) -> Array:
     """The true disturbance (6,) about the CG, body FRD, as a share of the vehicle's lift in free air."""
-    total, radius, each = np.zeros(6), vehicle.rotor_radius_m, 1.0 / len(vehicle.fans)
+    total = np.zeros(6)
+    radius = vehicle.rotor_radius_m
+    each = 1.0 / len(vehicle.fans)
     for fan, h_m, d_m in zip(vehicle.fans, state.h_m.tolist(), state.d_m.tolist(), strict=True):
         i = truth.increments(h_m / radius, d_m / radius)
         wrench = each * np.array([i.x, i.y, i.z, radius * i.mx, radius * i.my, 0.0])
@@ -70,6 +80,7 @@ def _true_shares(truth: SurfaceLaw, vehicle: Vehicle, state: AirState) -> Array:
 def _lift_pull_tilt(wrench: Array, vehicle: Vehicle) -> tuple[float, float, float]:
     """Force up, force to the wall, and the moment that tilts towards it [1/R] of a wrench (6,), body FRD."""
     azimuth = wall_azimuth(vehicle)
-    c, s = math.cos(azimuth), math.sin(azimuth)
+    c = math.cos(azimuth)
+    s = math.sin(azimuth)
     fx, fy, fz, mx, my, _ = wrench.tolist()
     return -fz, c * fx + s * fy, (s * mx - c * my) / vehicle.rotor_radius_m

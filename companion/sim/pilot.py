@@ -35,7 +35,9 @@ class ScriptedPilot:
     """The kind of link over which it flies."""
     take_off_mode = Mode.GUIDED
 
-    def __init__(self, flight: SimulatedFlight, link: VehicleLink, *, companion: bool, endless: bool = False) -> None:
+    def __init__(
+        self, flight: SimulatedFlight, link: VehicleLink, *, companion: bool, endless: bool = False
+    ) -> None:
         self._flight = flight
         self._link = link
         self._companion = companion
@@ -105,8 +107,14 @@ class ScriptedPilot:
         """In the air, before the script begins."""
         self._send_reference()
 
-    def _command(self, number: int, p1: float = 0.0, p2: float = 0.0, p3: float = 0.0, p7: float = 0.0) -> None:
-        self._link.hear(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
+    def _command(
+        self, number: int, p1: float = 0.0, p2: float = 0.0, p3: float = 0.0, p7: float = 0.0
+    ) -> None:
+        self._link.hear(
+            mavlink.MAVLink_command_long_message(
+                SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7
+            )
+        )
 
     def _send_reference(self) -> None:
         if self._companion_flies if self._begun else self._companion and self._flowing():

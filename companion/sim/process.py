@@ -33,7 +33,9 @@ class SimProcess:
     news: Connection
 
 
-def follow(news: Connection, say: Callable[[str], None], over: Callable[[], None]) -> threading.Thread:
+def follow(
+    news: Connection, say: Callable[[str], None], over: Callable[[], None]
+) -> threading.Thread:
     """Repeat the phases of the script to the user, and call ``over`` at its end. Ends with the process that tells."""
 
     def listen() -> None:
@@ -99,9 +101,13 @@ class Narrator:
             self._tell(phase and f"{phase} ({round(left_s)} s to go)")
 
 
-def _run(flight: SimulatedFlight, pilot_kind: type[ScriptedPilot], port: int, news: Connection) -> None:
+def _run(
+    flight: SimulatedFlight, pilot_kind: type[ScriptedPilot], port: int, news: Connection
+) -> None:
     """Fly again and again, until the parent ends this process or itself."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches us as well: the companion has the last word
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches us as well: the companion has the last word
     parent = multiprocessing.parent_process()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))

@@ -63,14 +63,20 @@ class Scenario:
 
     def repeated(self, times: int) -> Scenario:
         """The same script so many times in one flight."""
-        long, last = self.duration_s, self.waypoints[-1]
-        again = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in self.waypoints[:-1]]
+        long = self.duration_s
+        last = self.waypoints[-1]
+        again = [
+            replace(k, time_s=k.time_s + i * long)
+            for i in range(times)
+            for k in self.waypoints[:-1]
+        ]
         return replace(self, waypoints=(*again, replace(last, time_s=times * long)))
 
     def reference(self, time_s: float) -> ScriptPoint:
         """The reference at script time ``time_s``: the first knot before, the last one after."""
         azimuth = self.surroundings.wall_azimuth_rad
-        c, s = math.cos(azimuth), math.sin(azimuth)
+        c = math.cos(azimuth)
+        s = math.sin(azimuth)
         (towards, height, along), (v_towards, v_height, v_along) = self._smooth(time_s)
         phase = self.waypoints[max(0, self._leg(time_s) - 1)].name
         return ScriptPoint(
@@ -86,7 +92,8 @@ class Scenario:
     def _straight(self, time_s: float) -> Vec:
         """Towards, height, along on the straight lines."""
         i = self._leg(time_s)
-        a, b = self.waypoints[max(0, i - 1)], self.waypoints[min(i, len(self.waypoints) - 1)]
+        a = self.waypoints[max(0, i - 1)]
+        b = self.waypoints[min(i, len(self.waypoints) - 1)]
         share = (time_s - a.time_s) / (b.time_s - a.time_s) if 0 < i < len(self.waypoints) else 0.0
         return (
             a.towards_m + share * (b.towards_m - a.towards_m),
@@ -97,14 +104,16 @@ class Scenario:
     def _smooth(self, time_s: float) -> tuple[Vec, Vec]:
         """Position and velocity, averaged over ``rounding_s``: exact, since the lines are straight in between."""
         half = 0.5 * max(self.rounding_s, 1e-3)
-        start, end = time_s - half, time_s + half
+        start = time_s - half
+        end = time_s + half
         times = [start, *(k.time_s for k in self.waypoints if start < k.time_s < end), end]
         points = [self._straight(t) for t in times]
         mean = [0.0, 0.0, 0.0]
         for (t0, p0), (t1, p1) in pairwise(zip(times, points, strict=True)):
             for axis in range(3):
                 mean[axis] += 0.5 * (p0[axis] + p1[axis]) * (t1 - t0) / (end - start)
-        first, last = points[0], points[-1]
+        first = points[0]
+        last = points[-1]
         rate = [(last[axis] - first[axis]) / (end - start) for axis in range(3)]
         return (mean[0], mean[1], mean[2]), (rate[0], rate[1], rate[2])
 
@@ -113,7 +122,9 @@ class _Script:
     """Builds knots by saying where to go and how fast."""
 
     def __init__(self) -> None:
-        self._t, self._x, self._z = 0.0, 0.0, START_HEIGHT_M
+        self._t = 0.0
+        self._x = 0.0
+        self._z = START_HEIGHT_M
         self.waypoints: list[Waypoint] = []
 
     def hold(self, seconds: float, name: str) -> _Script:
@@ -121,12 +132,19 @@ class _Script:
         self._t += seconds
         return self
 
-    def go(self, name: str, towards: float | None = None, height: float | None = None, speed: float = 0.3) -> _Script:
+    def go(
+        self,
+        name: str,
+        towards: float | None = None,
+        height: float | None = None,
+        speed: float = 0.3,
+    ) -> _Script:
         x = self._x if towards is None else towards
         z = self._z if height is None else height
         self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
         self._t += max(0.1, math.dist((x, z), (self._x, self._z)) / speed)
-        self._x, self._z = x, z
+        self._x = x
+        self._z = z
         return self
 
     def end(self) -> tuple[Waypoint, ...]:
@@ -143,7 +161,8 @@ def wall_azimuth(vehicle: Vehicle) -> float:
 
 def lip_reach(vehicle: Vehicle, azimuth: float) -> float:
     """How far the foremost lip stands out from the CG towards the wall [m]."""
-    c, s = math.cos(azimuth), math.sin(azimuth)
+    c = math.cos(azimuth)
+    s = math.sin(azimuth)
     return max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
 
 
@@ -151,25 +170,38 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     """The scenario ``name`` for a vehicle. ``air`` False: same obstacles, nothing of ground or wall in the air."""
     r = vehicle.rotor_radius_m
     azimuth = wall_azimuth(vehicle)
-    offset = max(0.0, -min(f.position_m[2] for f in vehicle.fans))  # fans above the CG: the CG flies lower
+    offset = max(
+        0.0, -min(f.position_m[2] for f in vehicle.fans)
+    )  # fans above the CG: the CG flies lower
     wall = START_GAP_M + lip_reach(vehicle, azimuth)
     # The last bit is flown slowly, as one does: 0.3 m/s stops short of every surface by more than it overshoots.
     low = max(1.25 * r - offset, 0.2)
     lowish = max(low, 2.4 * r - offset, 0.35)
-    near, nearish = START_GAP_M - 0.6 * r, START_GAP_M - max(1.6 * r, 0.24)
+    near = START_GAP_M - 0.6 * r
+    nearish = START_GAP_M - max(1.6 * r, 0.24)
     s = _Script()
     if name == "hover":
         s.hold(60.0, "free")
     elif name in NAMES:
-        s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(4.0, "ground")
+        s.hold(6.0, "free").go("descend", height=lowish).go(
+            "descend", height=low, speed=CREEP_M_S
+        ).hold(4.0, "ground")
         s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
-        s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(4.0, "wall")
-        s.go("descend at wall", height=lowish).go("descend at wall", height=low, speed=CREEP_M_S).hold(5.0, "corner")
-        s.go("climb at wall", height=START_HEIGHT_M).hold(3.0, "wall").go("retreat", towards=0.0).hold(4.0, "free")
+        s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(
+            4.0, "wall"
+        )
+        s.go("descend at wall", height=lowish).go(
+            "descend at wall", height=low, speed=CREEP_M_S
+        ).hold(5.0, "corner")
+        s.go("climb at wall", height=START_HEIGHT_M).hold(3.0, "wall").go(
+            "retreat", towards=0.0
+        ).hold(4.0, "free")
     else:
         raise ConfigError(f"scenario '{name}' is not known; choose one of {', '.join(NAMES)}")
     surroundings = Surroundings(
-        wall_m=math.inf if name in ("hover", "free") else wall, wall_azimuth_rad=azimuth, air=air and name != "free"
+        wall_m=math.inf if name in ("hover", "free") else wall,
+        wall_azimuth_rad=azimuth,
+        air=air and name != "free",
     )
     return Scenario(name, surroundings, s.end(), ROUNDING_S)
 

@@ -46,7 +46,10 @@ class Estimate:
     @property
     def down_acceleration(self) -> float:
         """Acceleration towards the ground [m/s^2], from the accelerometers."""
-        cr, sr, cp, sp = math.cos(self.roll), math.sin(self.roll), math.cos(self.pitch), math.sin(self.pitch)
+        cr = math.cos(self.roll)
+        sr = math.sin(self.roll)
+        cp = math.cos(self.pitch)
+        sp = math.sin(self.pitch)
         fx, fy, fz = self.specific_force
         return -sp * fx + sr * cp * fy + cr * cp * fz + GRAVITY
 
@@ -71,12 +74,19 @@ class Estimator:
 
     def step(self) -> Estimate:
         """Measure and estimate at the body's present instant."""
-        body, gauss = self._body, self._white.gauss
-        slow, where, speed = self._slow.step(), self._position.step(), self._velocity.step()
+        body = self._body
+        gauss = self._white.gauss
+        slow = self._slow.step()
+        where = self._position.step()
+        speed = self._velocity.step()
         a = math.radians(0.1)
         ex, ey, ez = (0.5 * (a * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
         w, x, y, z = body.quaternion
-        q = (w - x * ex - y * ey - z * ez, x + w * ex - z * ey + y * ez, y + z * ex + w * ey - x * ez)
+        q = (
+            w - x * ex - y * ey - z * ez,
+            x + w * ex - z * ey + y * ez,
+            y + z * ex + w * ey - x * ez,
+        )
         qz = z - y * ex + x * ey + w * ez
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
         unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
@@ -86,7 +96,9 @@ class Estimator:
             rates=_sum(body.rates, self._gyro_bias, [gauss(0.0, 0.008) for _ in range(3)]),
             position=_sum(body.position, self._position_bias, [0.004 * v for v in where]),
             velocity=_sum(body.velocity, [0.01 * v for v in speed]),
-            specific_force=_sum(body.specific_force, self._accel_bias, [gauss(0.0, 0.15) for _ in range(3)]),
+            specific_force=_sum(
+                body.specific_force, self._accel_bias, [gauss(0.0, 0.15) for _ in range(3)]
+            ),
         )
 
 
@@ -134,7 +146,10 @@ class RangeSensor:
 def ring_beams(sensor: Rangefinder, seed: str) -> list[RangeSensor]:
     """A ring of lidars: the first looks ahead, the others follow to the right."""
     angles = [k * (2.0 * math.pi / sensor.ring) for k in range(sensor.ring)]
-    return [RangeSensor(sensor, f"{seed} {k}", (math.cos(a), math.sin(a), 0.0)) for k, a in enumerate(angles)]
+    return [
+        RangeSensor(sensor, f"{seed} {k}", (math.cos(a), math.sin(a), 0.0))
+        for k, a in enumerate(angles)
+    ]
 
 
 def true_range(body: Body, position: Vec, direction: Vec) -> float:
@@ -145,7 +160,8 @@ def true_range(body: Body, position: Vec, direction: Vec) -> float:
     best = math.inf
     if dd > 1e-6:
         best = max(0.0, -(body.position[2] + od) / dd)
-    c, sn = math.cos(s.wall_azimuth_rad), math.sin(s.wall_azimuth_rad)
+    c = math.cos(s.wall_azimuth_rad)
+    sn = math.sin(s.wall_azimuth_rad)
     towards = dn * c + de * sn
     if towards > 1e-6 and math.isfinite(s.wall_m):
         best = min(best, max(0.0, (body.wall_gap_m - on * c - oe * sn) / towards))
@@ -171,6 +187,11 @@ class EscTelemetry:
         self._late.append(list(body.rpm))
         quantum = 100.0 / 7.0
         late = self._late[0]
-        self.rpm = [round(v * self._rng.gauss(1.0, 0.002) / quantum) * quantum if v > 1.0 else 0.0 for v in late]
+        self.rpm = [
+            round(v * self._rng.gauss(1.0, 0.002) / quantum) * quantum if v > 1.0 else 0.0
+            for v in late
+        ]
         self.count += 1
-        self.temperature_c += ((25.0 + 0.8 * body.pack.current_a) - self.temperature_c) * 0.02 / 40.0
+        self.temperature_c += (
+            ((25.0 + 0.8 * body.pack.current_a) - self.temperature_c) * 0.02 / 40.0
+        )

@@ -103,7 +103,9 @@ class StatusReporter:
                 yield from self.tell(f"companion: {sentence}")
         if decision.command is not None and state.hold is not None and not self._led:
             self._led = True
-            yield from self.tell("companion: holding; position targets to component 191 move it", warning=False)
+            yield from self.tell(
+                "companion: holding; position targets to component 191 move it", warning=False
+            )
         hint = None if self._advised else advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True
@@ -114,7 +116,8 @@ class StatusReporter:
 
         PX4 loses the end of a long text: the gravest refusal fits into one message or two, and the others follow.
         """
-        severity, said = _WARNING if warning else _INFO, text
+        severity = _WARNING if warning else _INFO
+        said = text
         for part in text.removeprefix(_SENDER).split(_LESSER):
             self._number = self._number % 65535 + 1
             for message in text_messages(severity, part, self._number):
@@ -131,16 +134,19 @@ class StatusReporter:
             self._pending = None
             return None
         graver = self._said is None or gravest != self._said[0]
-        awaited, t_s = gravest if graver else words, decision.t_s
+        awaited = gravest if graver else words
+        t_s = decision.t_s
         if awaited != self._pending:
-            self._pending, self._pending_s = awaited, t_s
+            self._pending = awaited
+            self._pending_s = t_s
             return None
         if t_s - self._pending_s < (_CALM_S if graver else _LESSER_CALM_S):
             return None
         last_s = self._said_s.get(words, -math.inf) if graver else self._any_said_s
         if 0.0 <= t_s - last_s < _REPEAT_S:
             return None
-        self._said, self._pending = (gravest, words), None
+        self._said = (gravest, words)
+        self._pending = None
         self._said_s[words] = self._any_said_s = t_s
         late = f" ({1000.0 * decision.late_s:.0f} ms)" if decision.reasons[:1] in _LATENESS else ""
         return words.replace(gravest, gravest + late, 1)
@@ -185,12 +191,20 @@ def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
     seen = _ABOUT_RANGES.get(reason)
     if seen is not None and decision.disturbance is not None:
         disturbance = decision.disturbance
-        surfaces = {"the ground": disturbance.ground, "the wall": disturbance.wall, "the ceiling": disturbance.ceiling}
+        surfaces = {
+            "the ground": disturbance.ground,
+            "the wall": disturbance.wall,
+            "the ceiling": disturbance.ceiling,
+        }
         about = " and ".join(name for name, surface in surfaces.items() if surface.seen is seen)
         what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
     if reason is Reason.HEIGHT_DRIFTS:
         what = what.replace("drifts", f"drifts {abs(state.drift.rate_m_s):.1f} m/s")
-    if reason is Reason.NOT_ARMED and state.air.since_s < math.inf and state.air.carried_s == decision.t_s:
+    if (
+        reason is Reason.NOT_ARMED
+        and state.air.since_s < math.inf
+        and state.air.carried_s == decision.t_s
+    ):
         what += ", though the vehicle flies: nothing is sent, take over"
     if reason is Reason.WRONG_MODE and state.heartbeat is not None:
         what += f" (now {mode_name(state.heartbeat)})"

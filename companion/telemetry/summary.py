@@ -38,12 +38,16 @@ class Summary:
         self._compensated_s = self._total_s = self._gaps_s = 0.0
         self._last: Decision | None = None
         self._least_gain: float | None = None
-        self._low, self._high = np.full(len(_SHOWN), np.nan), np.full(len(_SHOWN), np.nan)
-        self._sum, self._count = np.zeros(len(_SHOWN)), np.zeros(len(_SHOWN))
+        self._low = np.full(len(_SHOWN), np.nan)
+        self._high = np.full(len(_SHOWN), np.nan)
+        self._sum = np.zeros(len(_SHOWN))
+        self._count = np.zeros(len(_SHOWN))
 
     def add(self, decision: Decision) -> None:
         """Take in one decision."""
-        last, tuned, reasons = self._last, decision.tuned, decision.reasons
+        last = self._last
+        tuned = decision.tuned
+        reasons = decision.reasons
         dt = 0.0 if last is None else decision.t_s - last.t_s
         if dt > _GAP_S:
             self._gaps_s += dt
@@ -59,7 +63,9 @@ class Summary:
             self._gravest[min(reasons, key=_ORDER.__getitem__)] += dt
         if decision.command is not None:
             self.commands += 1
-            if tuned is not None and (self._least_gain is None or tuned.margin.gain < self._least_gain):
+            if tuned is not None and (
+                self._least_gain is None or tuned.margin.gain < self._least_gain
+            ):
                 self._least_gain = tuned.margin.gain
         shown = np.array(_shown(decision))
         known = np.isfinite(shown)
@@ -74,7 +80,8 @@ class Summary:
         return None if self._last is None else self._last.adaptation
 
     def _margin_as_json(self) -> dict[str, Any] | None:
-        tuned, least = None if self._last is None else self._last.tuned, self._least_gain
+        tuned = None if self._last is None else self._last.tuned
+        least = self._least_gain
         if tuned is None:
             return None
         return {
@@ -88,7 +95,9 @@ class Summary:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where nothing was seen."""
-        rows = np.stack([self._low, self._sum / np.maximum(self._count, 1), self._high], axis=1).tolist()
+        rows = np.stack(
+            [self._low, self._sum / np.maximum(self._count, 1), self._high], axis=1
+        ).tolist()
         ranges = {
             name: dict(zip(("min", "mean", "max"), row, strict=True)) if count else None
             for name, row, count in zip(_SHOWN, rows, self._count, strict=True)
@@ -126,14 +135,23 @@ class Summary:
         out = [f"{self.decisions} decisions over {self._total_s + self._gaps_s:.1f} s, {sent}"]
         if self.too_slow:
             out.append(f"  {self._gaps_s:7.1f} s  counted for nothing: {self.too_slow}")
-        out += [f"  {s:7.1f} s  {reason.value}" for reason, s in _longest_first(self._gravest) if s >= _SHOWN_S]
+        out += [
+            f"  {s:7.1f} s  {reason.value}"
+            for reason, s in _longest_first(self._gravest)
+            if s >= _SHOWN_S
+        ]
         hidden = [r.value for r in self._seconds if self._gravest[r] < _SHOWN_S]
         if hidden:
             out.append(f"  at the same time, less grave: {'; '.join(hidden)}")
-        rows = [(name, n) for name, n in self.as_json().items() if isinstance(n, dict) and "mean" in n]
+        rows = [
+            (name, n) for name, n in self.as_json().items() if isinstance(n, dict) and "mean" in n
+        ]
         if rows:
             out.append(f"  {'':<10} {'min':>8} {'mean':>8} {'max':>8}")
-        out += [f"  {name:<10} {n['min']:+z8.3f} {n['mean']:+z8.3f} {n['max']:+z8.3f}" for name, n in rows]
+        out += [
+            f"  {name:<10} {n['min']:+z8.3f} {n['mean']:+z8.3f} {n['max']:+z8.3f}"
+            for name, n in rows
+        ]
         if self.adaptation is not None:
             out += adapted_text(self.adaptation)
         return "\n".join(out)
@@ -154,14 +172,21 @@ def adapted_text(known: Adaptation) -> list[str]:
     out = [f"  sizes, measured over {known.learned_s:.0f} s of flight:"]
     for name, e in known.estimates().items():
         share = f", compensated {shares[name]:.2f}" if name in shares else ""
-        out.append(f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{share}".rstrip())
+        out.append(
+            f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{share}".rstrip()
+        )
     return out
 
 
 def _shown(decision: Decision) -> tuple[float, ...]:
     """The numbers of ``_SHOWN``; NaN: not known."""
     offset = decision.offset
-    return offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *around(decision.disturbance)
+    return (
+        offset.thrust,
+        math.degrees(offset.roll),
+        math.degrees(offset.pitch),
+        *around(decision.disturbance),
+    )
 
 
 def around(disturbance: Disturbance | None) -> tuple[float, ...]:

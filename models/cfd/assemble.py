@@ -54,15 +54,22 @@ def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     """The data set from all cases. Raises ModelError without free air or without a case at another speed."""
     maker = _Maker(rows, setup)
     radius = setup.fan.radius_m
-    marks = {(place, rpm): maker.row(place, rpm) for rpm in sorted(maker.speeds) for place in maker.places}
+    marks = {
+        (place, rpm): maker.row(place, rpm)
+        for rpm in sorted(maker.speeds)
+        for place in maker.places
+    }
     table = [[h * radius, d * radius, rpm, *label.wrench] for ((h, d), rpm), label in marks.items()]
     return Assembled(np.array(table), tuple(marks.values()), maker.law, maker.correction)
 
 
 def _weighted(one: Label, other: Label, used: NDArray[np.bool_]) -> Label:
     """Two labels of one place, by their sigma; components not ``used`` (6,) are the other's."""
-    mine, others = one.sigma**2, other.sigma**2
-    weight = np.where(used, np.where(mine > 0.0, others / np.maximum(mine + others, TINY), 1.0), 0.0)
+    mine = one.sigma**2
+    others = other.sigma**2
+    weight = np.where(
+        used, np.where(mine > 0.0, others / np.maximum(mine + others, TINY), 1.0), 0.0
+    )
     rest = 1.0 - weight
     return replace(
         one,
@@ -86,17 +93,22 @@ class _Maker:
         self.half = {rpm: labels(rows, rpm) for rpm in self.speeds}
         for rpm in self.speeds:
             if FREE not in self.half[rpm]:
-                raise ModelError(f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign on")
+                raise ModelError(
+                    f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign on"
+                )
         kind = full_kind(rows, self.rpm)
         self.full = {rpm: labels(rows, rpm, kind) for rpm in self.speeds}
         self.law = fit_law(self.half, self.rpm)
-        full, half = self.full[self.rpm], self.half[self.rpm]
+        full = self.full[self.rpm]
+        half = self.half[self.rpm]
         self.correction = learn(full, half)
         self.mesh = mesh_error(rows, setup)
         self.places = sorted(half | full)
         # Full models among half ones would be steps, unless their difference is learnt or all places have one.
         self.mixed = self.correction.learnt | np.full(6, all(p in full for p in self.places))
-        self.base = np.where(self.mixed, full[FREE].wrench if FREE in full else np.zeros(6), half[FREE].wrench)
+        self.base = np.where(
+            self.mixed, full[FREE].wrench if FREE in full else np.zeros(6), half[FREE].wrench
+        )
 
     def row(self, place: Place, rpm: float) -> Label:
         """One row of the set."""
@@ -145,8 +157,13 @@ class _Maker:
         """By a half model at that speed, with what full models add; ``alone``: those at other places."""
         if place not in self.half[rpm]:
             return None
-        half, square = added(self.half[rpm], place), (rpm / self.rpm) ** 2
-        whole = None if alone or rpm == self.rpm or place not in self.half[self.rpm] else self._full(place, self.rpm)
+        half = added(self.half[rpm], place)
+        square = (rpm / self.rpm) ** 2
+        whole = (
+            None
+            if alone or rpm == self.rpm or place not in self.half[self.rpm]
+            else self._full(place, self.rpm)
+        )
         if whole is not None:
             change = whole.wrench - added(self.half[self.rpm], place).wrench
             return replace(
@@ -184,28 +201,45 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
     """
     base = solved[reference]
     others = {rpm: here for rpm, here in solved.items() if rpm != reference}
-    pairs = [(rpm, place) for rpm, here in others.items() for place in here if place != FREE and place in base]
+    pairs = [
+        (rpm, place)
+        for rpm, here in others.items()
+        for place in here
+        if place != FREE and place in base
+    ]
     if not pairs:
         raise ModelError("the cases lack positions at other rotor speeds; run the campaign on")
     logs = np.array([math.log(rpm / reference) for rpm, _ in pairs])
     at_reference = np.array([added(base, place).wrench for _, place in pairs])
-    elsewhere = np.array([added(others[rpm], place).wrench * (reference / rpm) ** 2 for rpm, place in pairs])
-    exponent, error, left = np.zeros(6), np.zeros(6), np.zeros(6)
+    elsewhere = np.array(
+        [added(others[rpm], place).wrench * (reference / rpm) ** 2 for rpm, place in pairs]
+    )
+    exponent = np.zeros(6)
+    error = np.zeros(6)
+    left = np.zeros(6)
     for k in np.flatnonzero(~ODD):
-        x, y = at_reference[:, k], elsewhere[:, k]
+        x = at_reference[:, k]
+        y = elsewhere[:, k]
         exponent[k] = _exponent(logs, x, y)
-        drop = [_exponent(*(np.delete(column, i) for column in (logs, x, y))) for i in range(len(x))]
+        drop = [
+            _exponent(*(np.delete(column, i) for column in (logs, x, y))) for i in range(len(x))
+        ]
         error[k] = math.sqrt((len(x) - 1) * np.var(drop))
         left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
     free_logs = np.array([math.log(rpm / reference) for rpm in others])
-    free = np.log([here[FREE].wrench[2] / base[FREE].wrench[2] for here in others.values()]) - 2 * free_logs
+    free = (
+        np.log([here[FREE].wrench[2] / base[FREE].wrench[2] for here in others.values()])
+        - 2 * free_logs
+    )
     slope = float(free_logs @ free / (free_logs @ free_logs))
     return Law(exponent, error, left, len({place for _, place in pairs}), slope)
 
 
 def _exponent(logs: Array, x: Array, y: Array) -> float:
     """a in -2 ... 2 that minimises the squares of y - x exp(a log)."""
-    found = least_squares(lambda a: y - x * np.exp(a * logs), 0.0, "3-point", (-2.0, 2.0), ftol=None, xtol=1e-14)
+    found = least_squares(
+        lambda a: y - x * np.exp(a * logs), 0.0, "3-point", (-2.0, 2.0), ftol=None, xtol=1e-14
+    )
     return float(found.x[0])
 
 
@@ -220,12 +254,25 @@ def mesh_error(rows: Sequence[Row], setup: Setup) -> Array:
     found: dict[Place, dict[float, Array]] = {}
     for row in rows:
         p = row.position
-        usable = p.model == "half" and p.rpm == c.rpm and p.approach == "near" and math.isfinite(row.result.wrench[2])
+        usable = (
+            p.model == "half"
+            and p.rpm == c.rpm
+            and p.approach == "near"
+            and math.isfinite(row.result.wrench[2])
+        )
         if usable and p.level in levels and p.place in c.grid_at:
             found.setdefault(p.place, {})[p.level] = np.array(row.result.wrench)
     whole = {place: by for place, by in found.items() if len(by) == len(levels)}
-    added = [[by[n] - whole[FREE][n] for n in levels] for p, by in whole.items() if FREE in whole and p != FREE]
-    return np.sqrt(np.mean([(np.ptp(a, axis=0) / 2) ** 2 for a in added], axis=0)) if added else np.zeros(6)
+    added = [
+        [by[n] - whole[FREE][n] for n in levels]
+        for p, by in whole.items()
+        if FREE in whole and p != FREE
+    ]
+    return (
+        np.sqrt(np.mean([(np.ptp(a, axis=0) / 2) ** 2 for a in added], axis=0))
+        if added
+        else np.zeros(6)
+    )
 
 
 def write_data(path: Path, made: Assembled) -> None:
@@ -238,8 +285,12 @@ def write_marks(path: Path, made: Assembled) -> None:
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     kinds = ("amplitude_", "scatter_", "sigma_")
-    out.writerow(["h_m", "d_m", "rpm", "made", "status", "starts", *(n for kind in kinds for n in six(kind))])
+    out.writerow(
+        ["h_m", "d_m", "rpm", "made", "status", "starts", *(n for kind in kinds for n in six(kind))]
+    )
     for row, mark in zip(made.table, made.marks, strict=True):
         numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
-        out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.made, mark.status, mark.starts, *numbers])
+        out.writerow(
+            [*(f"{v:.6g}" for v in row[:3]), mark.made, mark.status, mark.starts, *numbers]
+        )
     path.write_text(text.getvalue(), encoding="utf-8")

@@ -36,12 +36,18 @@ class Blocks:
     def curve(self, a: int, b: int, radius: ArrayLike, z: ArrayLike, angle: ArrayLike) -> None:
         """A curved edge from ``a`` to ``b`` through points in cylinder coordinates, (n,) each or one for all."""
         if a != b and (a, b) not in self.edges and (b, a) not in self.edges:
-            points = np.column_stack(np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), z))
+            points = np.column_stack(
+                np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), z)
+            )
             self.edges[a, b] = f"polyLine {a} {b} ({' '.join(_point(p) for p in points)})"
 
-    def block(self, corners: Sequence[int], zone: str, cells: Sequence[int], grading: Sequence[str]) -> None:
+    def block(
+        self, corners: Sequence[int], zone: str, cells: Sequence[int], grading: Sequence[str]
+    ) -> None:
         """One hexahedron, corners in the mesher's order."""
-        self.blocks.append(f"hex ({_join(corners)}) {zone} ({_join(cells)}) simpleGrading ({_join(grading)})")
+        self.blocks.append(
+            f"hex ({_join(corners)}) {zone} ({_join(cells)}) simpleGrading ({_join(grading)})"
+        )
 
     def sides(self, corners: Sequence[int], sides: Iterable[Sequence[int]]) -> None:
         """The faces of a block, each as places in its ``corners``."""
@@ -59,7 +65,9 @@ class Blocks:
         for face in (same[0] for same in self.faces.values() if len(same) == 1):
             patches[patch_of(points[face])].append(f"({_join(face)})")
         boundary = "\n".join(
-            f"{name} {{ type {kinds[name]} faces ( {' '.join(faces)} ); }}" for name, faces in patches.items() if faces
+            f"{name} {{ type {kinds[name]} faces ( {' '.join(faces)} ); }}"
+            for name, faces in patches.items()
+            if faces
         )
         return (
             f"scale 1;\nvertices\n(\n{chr(10).join(_point(v) for v in self.vertices)}\n);\n"

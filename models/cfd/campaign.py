@@ -36,7 +36,8 @@ def _plan_half(setup: Setup) -> Iterator[Position]:
     Heights go up: near the ground the jet opens to a hollow cone around air that rises to the hub, a state that starts
     from above reach only after very many iterations.
     """
-    c, inf = setup.campaign, math.inf
+    c = setup.campaign
+    inf = math.inf
     yield Position(inf, inf, c.rpm)
     yield from (Position(inf, d, c.rpm) for d in sorted(c.d, reverse=True))
     yield from (Position(h, inf, c.rpm) for h in sorted(c.h))
@@ -46,7 +47,11 @@ def _plan_half(setup: Setup) -> Iterator[Position]:
             yield from (Position(h, d, c.rpm) for d in sorted(c.d[::step_d], reverse=True))
         if (step_h, step_d) == (2, 2):
             yield from (Position(h, d, rpm) for rpm in c.other_rpm for h, d in c.rpm_at)
-            yield from (Position(h, d, c.rpm, level=level) for level in sorted(c.grid_levels) for h, d in c.grid_at)
+            yield from (
+                Position(h, d, c.rpm, level=level)
+                for level in sorted(c.grid_levels)
+                for h, d in c.grid_at
+            )
     yield from (Position(h, d, c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.full_at))
     yield from (Position(h, d, c.rpm, approach="far") for h, d in c.again_from_far)
     yield from (Position(h, d, c.rpm, approach="wall") for h, d in c.again_from_wall)
@@ -59,13 +64,19 @@ def _plan_full(setup: Setup) -> Iterator[Position]:
     first = len(positions) // 2
     yield from positions[:first]
     for rpm in c.other_rpm:
-        yield from (Position(h, d, rpm, swirl=True, level=c.full_level) for h, d in c.full_other_rpm_at)
+        yield from (
+            Position(h, d, rpm, swirl=True, level=c.full_level) for h, d in c.full_other_rpm_at
+        )
     yield from positions[first:]
     for level in c.full_grid_levels:
         yield from (Position(h, d, c.rpm, swirl=True, level=level) for h, d in c.full_grid_at)
-    yield from (Position(p.h, p.d, c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup))
+    yield from (
+        Position(p.h, p.d, c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup)
+    )
     again = c.full_again_from_far
-    yield from (Position(h, d, c.rpm, swirl=True, level=c.full_level, approach="far") for h, d in again)
+    yield from (
+        Position(h, d, c.rpm, swirl=True, level=c.full_level, approach="far") for h, d in again
+    )
 
 
 def rows(folder: Path, positions: Sequence[Position]) -> list[Row]:
@@ -76,8 +87,16 @@ def rows(folder: Path, positions: Sequence[Position]) -> list[Row]:
 
 def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
     """The finished case whose state is nearest: the same mesh at another speed, else the nearest position."""
-    able = [r.position for r in finished if r.result.status != "diverged" and r.position.model == position.model]
-    same = [p for p in able if (p.place, p.level, p.approach) == (position.place, position.level, position.approach)]
+    able = [
+        r.position
+        for r in finished
+        if r.result.status != "diverged" and r.position.model == position.model
+    ]
+    same = [
+        p
+        for p in able
+        if (p.place, p.level, p.approach) == (position.place, position.level, position.approach)
+    ]
     if same:
         return min(same, key=lambda p: abs(p.rpm - position.rpm))
     able = [p for p in able if p.rpm == position.rpm and p.approach == "near"]
@@ -85,8 +104,13 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
         able = [p for p in able if p.h == position.h and p.d < position.d]
     elif position.approach == "far":
         able = [p for p in able if p.place == (math.inf, position.d)]
-    here, level = near(position.place), position.level
-    return min(able, key=lambda p: math.dist(near(p.place), here) + 0.01 * abs(p.level - level), default=None)
+    here = near(position.place)
+    level = position.level
+    return min(
+        able,
+        key=lambda p: math.dist(near(p.place), here) + 0.01 * abs(p.level - level),
+        default=None,
+    )
 
 
 def run(
@@ -111,7 +135,9 @@ def run(
         start = start_for(position, list(done.values()))
         blades = polars.blades(setup, position.rpm, section, swirl=position.swirl)
         neighbour = folder / start.key if start is not None else None
-        return pool.submit(compute, folder / position.key, setup, position, blades, neighbour, march=marching)
+        return pool.submit(
+            compute, folder / position.key, setup, position, blades, neighbour, march=marching
+        )
 
     try:
         for marching in (False, True):
@@ -127,14 +153,18 @@ def run(
                     if not isinstance(future.exception(), foam.StoppedError):
                         done[position] = Row(position, future.result())
                         _store(folder, done[position])
-                        progress("cases in time" if marching else "cases", len(done), len(positions))
+                        progress(
+                            "cases in time" if marching else "cases", len(done), len(positions)
+                        )
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _claim(folder: Path, setup: Setup) -> None:
     """Make the folder this fan's own; refuse one that holds cases of another."""
-    mine = json.dumps({name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}, indent=1)
+    mine = json.dumps(
+        {name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}, indent=1
+    )
     path = folder / FAN
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -142,9 +172,13 @@ def _claim(folder: Path, setup: Setup) -> None:
             path.write_text(mine, encoding="utf-8")
         known = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"work folder {folder}: {path} cannot be written or read ({error})") from None
+        raise ConfigError(
+            f"work folder {folder}: {path} cannot be written or read ({error})"
+        ) from None
     if known != mine:
-        raise ConfigError(f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder")
+        raise ConfigError(
+            f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder"
+        )
 
 
 def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:

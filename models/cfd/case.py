@@ -14,7 +14,8 @@ from models.cfd.position import Position
 
 DISCS = ("upper", "lower")
 # Blades end within this length [m]; the solver's table of chords wants a number above zero beyond.
-EDGE_M, NO_CHORD_M = 1e-5, 1e-9
+EDGE_M = 1e-5
+NO_CHORD_M = 1e-9
 # Radius over the outermost cell's from which the solver's disc gives no lift. Above 1: it never does.
 TIP_EFFECT = 1.1
 
@@ -30,11 +31,17 @@ TEMPLATES = resources.files("models.cfd") / "templates"
 
 def write(folder: Path, setup: Setup, position: Position, blades: Blades) -> None:
     """Write system, constant and 0 of a case; an old case in ``folder`` is overwritten file by file."""
-    air, solver = setup.air, setup.solver
+    air = setup.air
+    solver = setup.solver
     for name in ("0/U", "0/p", "0/k", "0/omega", "0/nut", "constant/transportProperties"):
         fill(folder, name, k=air.far_k, omega=air.far_omega, viscosity=air.viscosity_m2_s)
     fill(folder, "constant/turbulenceProperties")
-    fill(folder, "system/fvSolution", relax_pressure=solver.relax_pressure, relax_velocity=solver.relax_velocity)
+    fill(
+        folder,
+        "system/fvSolution",
+        relax_pressure=solver.relax_pressure,
+        relax_velocity=solver.relax_velocity,
+    )
     put(folder / "system/blockMeshDict", block_mesh(setup, position))
     put(folder / "system/topoSetDict", _layers(setup))
     put(folder / "constant/fvOptions", _rotors(setup, position, blades))
@@ -78,12 +85,14 @@ def control(folder: Path, setup: Setup, end: float, *, steady: bool) -> None:
 
 def _layers(setup: Setup) -> str:
     """Cell zones of the discs' layers: the solver's disc must be one cell thick, and one alone is unstable."""
-    rotor, m = setup.rotor, setup.fan.radius_m
+    rotor = setup.rotor
+    m = setup.fan.radius_m
     actions = []
     for disc, z0 in zip(DISCS, (rotor.upper_height, rotor.lower_height), strict=True):
         step = rotor.thickness / LAYERS
         for layer in range(LAYERS):
-            low, high = m * (z0 + layer * step), m * (z0 + (layer + 1) * step)
+            low = m * (z0 + layer * step)
+            high = m * (z0 + (layer + 1) * step)
             name = f"{disc}{layer}"
             actions.append(
                 f"{{ name {name}Set; type cellSet; action new; source zoneToCell; zone {disc}Disc; }}\n"
@@ -106,12 +115,15 @@ def sources(position: Position) -> list[tuple[str, str, int, float]]:
             senses = (sense,) if position.swirl else (1, -1)
             for s in senses:
                 zone = f"{disc}{layer}"
-                out.append((f"{zone}{'p' if s > 0 else 'n'}", zone, s, 1.0 / (LAYERS * len(senses))))
+                out.append(
+                    (f"{zone}{'p' if s > 0 else 'n'}", zone, s, 1.0 / (LAYERS * len(senses)))
+                )
     return out
 
 
 def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
-    rotor, m = setup.rotor, setup.fan.radius_m
+    rotor = setup.rotor
+    m = setup.fan.radius_m
     height = dict(zip(DISCS, (rotor.upper_height, rotor.lower_height), strict=True))
     table = dict(zip(DISCS, blades, strict=True))
     out = []
@@ -123,8 +135,15 @@ def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
         )
         values: dict[str, float | str] = {
             **{"source": source, "zone": zone, "blades": rotor.blades, "rpm": sense * position.rpm},
-            **{"z": f"{m * (height[disc] + rotor.thickness / 2):.8g}", "density": f"{setup.air.density_kg_m3:g}"},
-            **{"blade": _blade(setup, table[disc], share), "profiles": "\n".join(profiles), "tip_effect": TIP_EFFECT},
+            **{
+                "z": f"{m * (height[disc] + rotor.thickness / 2):.8g}",
+                "density": f"{setup.air.density_kg_m3:g}",
+            },
+            **{
+                "blade": _blade(setup, table[disc], share),
+                "profiles": "\n".join(profiles),
+                "tip_effect": TIP_EFFECT,
+            },
         }
         out.append(_filled("constant/rotorDisk", **values))
     return "".join(out)
@@ -142,4 +161,6 @@ def _blade(setup: Setup, stations: tuple[Station, ...], share: float) -> str:
         rows.insert(0, (root[0], root[1] - EDGE_M, root[2], NO_CHORD_M))
     if setup.rotor.tip_radius < 1.0:
         rows.append((tip[0], tip[1] + EDGE_M, tip[2], NO_CHORD_M))
-    return " ".join(f"(section{i} ({r:.8g} {pitch:.8g} {chord:.8g}))" for i, r, pitch, chord in rows)
+    return " ".join(
+        f"(section{i} ({r:.8g} {pitch:.8g} {chord:.8g}))" for i, r, pitch, chord in rows
+    )

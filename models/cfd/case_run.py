@@ -77,7 +77,13 @@ def iteration_limit(setup: Setup, start: str) -> int:
 
 
 def compute(
-    folder: Path, setup: Setup, position: Position, blades: Blades, neighbour: Path | None = None, *, march: bool = True
+    folder: Path,
+    setup: Setup,
+    position: Position,
+    blades: Blades,
+    neighbour: Path | None = None,
+    *,
+    march: bool = True,
 ) -> Result:
     """Compute one case in ``folder``, going on from what an earlier, interrupted run left there.
 
@@ -103,7 +109,9 @@ class _Case:
     """
 
     def __init__(self, folder: Path, setup: Setup, position: Position) -> None:
-        self.folder, self.setup, self.position = folder, setup, position
+        self.folder = folder
+        self.setup = setup
+        self.position = position
         self.samples = np.empty((0, 10))
         self.iterations = self.steps = self.cells = 0
         self.seconds = 0.0
@@ -119,7 +127,9 @@ class _Case:
         if self.cells:
             # A run that was stopped within a chunk leaves states that may be cut short.
             reached = self.iterations + self.steps * self.setup.solver.time_step_s
-            foam.forget(self.folder, [t for t in foam.times(self.folder) if float(t) > reached + 1e-6])
+            foam.forget(
+                self.folder, [t for t in foam.times(self.folder) if float(t) > reached + 1e-6]
+            )
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         case.write(self.folder, self.setup, self.position, blades)
@@ -135,11 +145,15 @@ class _Case:
     def _start_from(self, neighbour: Path, state: str) -> None:
         """Map a state of another case onto this mesh; copy and scale it where only the speed differs."""
         self.start = neighbour.name
-        (mesh, _, there), (my_mesh, _, _) = (name.rpartition("_n") for name in (neighbour.name, self.folder.name))
+        (mesh, _, there), (my_mesh, _, _) = (
+            name.rpartition("_n") for name in (neighbour.name, self.folder.name)
+        )
         if mesh == my_mesh:
             for name, power in SPEED_POWER.items():
                 shutil.copy(neighbour / state / name, self.folder / "0" / name)
-                foam.scale_field(self.folder / "0" / name, (self.position.rpm / float(there)) ** power)
+                foam.scale_field(
+                    self.folder / "0" / name, (self.position.rpm / float(there)) ** power
+                )
             return
         case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
         foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", state)
@@ -186,10 +200,15 @@ class _Case:
             for name, zone, _, _ in case.sources(self.position):
                 source = foam.read_field(self.folder / state / f"{name}:rotorForce")
                 force = self.setup.air.density_kg_m3 * source * volume[:, None]
-                discs[case.DISCS.index(zone[:-1])] += [*force.sum(axis=0), *np.cross(centre, force).sum(axis=0)]
-            total, parts = surface + discs.sum(axis=0), np.array([*discs[:, 2], surface[2]])
+                discs[case.DISCS.index(zone[:-1])] += [
+                    *force.sum(axis=0),
+                    *np.cross(centre, force).sum(axis=0),
+                ]
+            total = surface + discs.sum(axis=0)
+            parts = np.array([*discs[:, 2], surface[2]])
             if not self.position.swirl:  # only one half is meshed
-                total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
+                total = 2 * total * [1, 0, 1, 0, 1, 0]
+                parts = 2 * parts
             self.samples = np.vstack([self.samples, [at, *total, *parts]])
         foam.forget(self.folder, states[:-1])
 
@@ -212,7 +231,8 @@ class _Case:
 
     def _allowed(self, of_hover: float, of_effect: float) -> Array:
         """The larger (6,) of these shares of hover lift and of what the case adds to it, nothing in free air."""
-        out, last = of_hover * self._scale(), self._last(2)
+        out = of_hover * self._scale()
+        last = self._last(2)
         if len(last) and self.position.place != FREE:
             effect = np.abs(last.mean(axis=0) - self._scale() * [0, 0, 1, 0, 0, 0])
             out = np.maximum(out, of_effect * effect)
@@ -246,7 +266,8 @@ class _Case:
         half = len(last) // 2
         if half < 2 or self.iterations < 2 * self.setup.solver.start:
             return False
-        before, now = np.ptp(last[:half], axis=0) / 2, np.ptp(last[half:], axis=0) / 2
+        before = np.ptp(last[:half], axis=0) / 2
+        now = np.ptp(last[half:], axis=0) / 2
         return bool(np.any((now > self._allowed_swing()) & (now > STILL_SWINGING * before)))
 
     def finite(self) -> bool:
@@ -305,7 +326,9 @@ def _moves(samples: Array) -> tuple[Array, Array]:
     if len(samples) < 2:
         return np.full(6, np.inf), np.full(6, np.inf)
     half = len(samples) // 2
-    return np.abs(samples[half:].mean(axis=0) - samples[:half].mean(axis=0)), np.ptp(samples, axis=0) / 2
+    return np.abs(samples[half:].mean(axis=0) - samples[:half].mean(axis=0)), np.ptp(
+        samples, axis=0
+    ) / 2
 
 
 def _floats(values: Array) -> tuple[float, ...]:

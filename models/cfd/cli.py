@@ -15,20 +15,34 @@ SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
 
 def add(commands: Any, every: argparse.ArgumentParser) -> None:
     """Add the ``cfd`` command to the commands of ``models``; ``every``: the options that each command has."""
-    parser = commands.add_parser("cfd", help="compute a fan's wrench near ground and wall with an open flow solver")
+    parser = commands.add_parser(
+        "cfd", help="compute a fan's wrench near ground and wall with an open flow solver"
+    )
     what = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     common = argparse.ArgumentParser(add_help=False, parents=[every])
-    common.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
+    common.add_argument(
+        "--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)"
+    )
 
     run = what.add_parser(
-        "run", parents=[common], help="compute all cases that are not there yet; Ctrl-C and run again to go on"
+        "run",
+        parents=[common],
+        help="compute all cases that are not there yet; Ctrl-C and run again to go on",
     )
-    run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
+    run.add_argument(
+        "--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states"
+    )
     run.add_argument(
         "--model", choices=("half", "full"), default="half",
         help="half models without swirl (default), or full models with swirl",
     )  # fmt: skip
-    run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
+    run.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="solvers at a time (all cores)",
+    )
     run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
     run.set_defaults(run=_run)
 
@@ -40,9 +54,14 @@ def add(commands: Any, every: argparse.ArgumentParser) -> None:
         help="folder of 'models cfd run'; may be given several times",
     )  # fmt: skip
     assemble.add_argument(
-        "--cases", type=Path, metavar="CSV", help="case table, completed by --work (default: the shipped one alone)"
+        "--cases",
+        type=Path,
+        metavar="CSV",
+        help="case table, completed by --work (default: the shipped one alone)",
     )
-    assemble.add_argument("--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written")
+    assemble.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written"
+    )
     assemble.set_defaults(run=_assemble)
 
 
@@ -64,9 +83,14 @@ def _run(args: argparse.Namespace) -> Any:
     campaign.run(args.work, setup, section, positions, args.jobs, bars)
     bars.close()
     rows = campaign.rows(args.work, positions)
-    count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
+    count = {
+        s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})
+    }
     if speaks(args):
-        print(f"{len(rows)} of {len(positions)} cases: " + ", ".join(f"{n} {s}" for s, n in count.items()))
+        print(
+            f"{len(rows)} of {len(positions)} cases: "
+            + ", ".join(f"{n} {s}" for s, n in count.items())
+        )
     return {"cases": len(positions), "done": len(rows), "status": count}
 
 
@@ -80,7 +104,9 @@ def _rows(args: argparse.Namespace, setup: Any) -> Any:
     for folder in args.work:
         here = campaign.rows(folder, [p for model in MODELS for p in campaign.plan(setup, model)])
         if not here:
-            raise ConfigError(f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'")
+            raise ConfigError(
+                f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'"
+            )
         found |= {row.position: row for row in here}
     return list(found.values())
 

@@ -176,26 +176,47 @@ def load(path: Path | None = None) -> Setup:
 
 def _check(name: str, setup: Setup) -> None:
     """Refuse a geometry that cannot be meshed."""
-    fan, rotor, mesh, solver = setup.fan, setup.rotor, setup.mesh, setup.solver
-    discs = (fan.exit_height, rotor.lower_height, rotor.lower_height + rotor.thickness, rotor.upper_height)
+    fan = setup.fan
+    rotor = setup.rotor
+    mesh = setup.mesh
+    solver = setup.solver
+    discs = (
+        fan.exit_height,
+        rotor.lower_height,
+        rotor.lower_height + rotor.thickness,
+        rotor.upper_height,
+    )
     needed = {
         "[fan] lip_radius_m must exceed radius_m by 5 % or more": fan.lip_thickness > 0.05,
         "[fan] hub_radius must lie between 0 and 0.9": 0 < fan.hub_radius < 0.9,
-        "[fan] needs 1 <= exit_radius < exit_skin <= lip": 1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius,
+        "[fan] needs 1 <= exit_radius < exit_skin <= lip": 1.0
+        <= fan.exit_radius
+        < fan.exit_skin
+        <= fan.lip_radius,
         "[rotor] stations must be at least 2": rotor.stations >= 2,
-        "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc": len(rotor.swirl_tip_pitch_deg) == 2,
+        "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc": len(
+            rotor.swirl_tip_pitch_deg
+        )
+        == 2,
         "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed": (
             all(low < high for low, high in itertools.pairwise(discs))
         ),
-        "the rotors cut into the hub: [rotor] root_radius is below hub_radius": rotor.root_radius >= fan.hub_radius,
-        "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1": rotor.tip_radius <= 1.0,
-        "[rotor] root_radius must lie 0.1 or more below tip_radius": rotor.root_radius < rotor.tip_radius - 0.1,
+        "the rotors cut into the hub: [rotor] root_radius is below hub_radius": rotor.root_radius
+        >= fan.hub_radius,
+        "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1": rotor.tip_radius
+        <= 1.0,
+        "[rotor] root_radius must lie 0.1 or more below tip_radius": rotor.root_radius
+        < rotor.tip_radius - 0.1,
         "the rotors cut into the duct: the upper disc must lie below the curved part of the lip": (
             rotor.upper_height + rotor.thickness < fan.lip_foot
         ),
-        "[mesh] duct needs five counts, 3 for each disc": len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3,
-        "[mesh] needs lip + 0.2 < box and box + 1 < far": fan.lip_radius + 0.2 < mesh.box < mesh.far - 1,
-        "[solver] sample_every must be a third of chunk or less": solver.sample_every <= solver.chunk // 3,
+        "[mesh] duct needs five counts, 3 for each disc": len(mesh.duct) == 5
+        and mesh.duct[1] == mesh.duct[3] == 3,
+        "[mesh] needs lip + 0.2 < box and box + 1 < far": fan.lip_radius + 0.2
+        < mesh.box
+        < mesh.far - 1,
+        "[solver] sample_every must be a third of chunk or less": solver.sample_every
+        <= solver.chunk // 3,
     }
     for what, holds in needed.items():
         if not holds:

@@ -82,18 +82,23 @@ class Correction:
         """
         if place == FREE or not self.places:
             return np.zeros(6)
-        x, here = _coordinates(self.places), near(place)[None, :]
+        x = _coordinates(self.places)
+        here = near(place)[None, :]
         alike = np.array([math.isinf(p[0]) == math.isinf(place[0]) for p in self.places])
         weight = _rbf(here, x, NEAR)[0] + np.finfo(float).tiny
         weight = np.where(alike, weight, 0.0) if alike.any() else weight
-        shape, there = (np.stack([_fade(at, 1, bool(wall)) for wall in TILT], axis=1) for at in (x, here))
+        shape, there = (
+            np.stack([_fade(at, 1, bool(wall)) for wall in TILT], axis=1) for at in (x, here)
+        )
         squares = np.where(shape > 0.0, shape**2, np.inf)
-        missed, known = self.missed**2 / squares, self.error_of_change**2 / squares
+        missed = self.missed**2 / squares
+        known = self.error_of_change**2 / squares
         usual = weight @ self.missed**2 / np.maximum(weight @ shape**2, np.finfo(float).tiny)
         # A variance is known to a variance of twice its square.
         share = np.where(shape > 0.0, weight[:, None], 0.0) / (known + usual + TINY) ** 2
         share /= np.maximum(share.sum(axis=0), np.finfo(float).tiny)
-        excess, doubt = (share * (missed - known)).sum(axis=0), np.sqrt(2.0 * ((share * known) ** 2).sum(axis=0))
+        excess = (share * (missed - known)).sum(axis=0)
+        doubt = np.sqrt(2.0 * ((share * known) ** 2).sum(axis=0))
         out: Array = there[0] * np.sqrt(np.maximum(excess, 0.0) + doubt)
         return out
 
@@ -101,7 +106,9 @@ class Correction:
         """Correction (6,) at a place."""
         if not self.places or place == FREE:
             return np.zeros(6)
-        return np.array([self.component(k).predict(near(place), choice) for k, choice in enumerate(self.choice)])
+        return np.array(
+            [self.component(k).predict(near(place), choice) for k, choice in enumerate(self.choice)]
+        )
 
     def left_out(self, place: Place) -> Array:
         """Correction (6,) at a place by the other places alone."""
@@ -113,7 +120,9 @@ class Correction:
 
     def component(self, k: int) -> _Component:
         """What is known of one component."""
-        return _Component(_coordinates(self.places), self.change[:, k], self.error_of_change[:, k], bool(TILT[k]))
+        return _Component(
+            _coordinates(self.places), self.change[:, k], self.error_of_change[:, k], bool(TILT[k])
+        )
 
 
 def learn(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
@@ -123,19 +132,23 @@ def learn(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correctio
     """
     able = FREE in full and FREE in half
     places = tuple(sorted(p for p in full if able and p in half and p != FREE))
-    change = np.array([added(full, p).wrench - added(half, p).wrench for p in places]).reshape(-1, 6)
+    change = np.array([added(full, p).wrench - added(half, p).wrench for p in places]).reshape(
+        -1, 6
+    )
     known = np.array([np.hypot(full[p].sigma, half[p].sigma) for p in places]).reshape(-1, 6)
     bare = Correction(places, change, known, change)
     if len(places) < LEAST:
         return bare
-    missed, choice = change.copy(), list(bare.choice)
+    missed = change.copy()
+    choice = list(bare.choice)
     for k in range(6):
         data = bare.component(k)
         left_out = data.left_out()
         gain = (change[:, k] ** 2 - left_out**2) * data.weight
         sure = np.mean(gain) > SIGNIFICANT * np.std(gain, ddof=1) / math.sqrt(len(gain))
         if sure or not np.any(change[:, k]):
-            missed[:, k], choice[k] = left_out, data.choose()
+            missed[:, k] = left_out
+            choice[k] = data.choose()
     return Correction(places, change, known, missed, tuple(choice))
 
 
@@ -198,7 +211,11 @@ class _Component:
         A case starts from the state of a neighbour: where the flow tips over, their errors have the same sign.
         """
         single = np.eye(len(self.y))
-        alike = (1.0 - TOGETHER) * single + TOGETHER * _rbf(self.x, self.x, NEAR) if self.wall else single
+        alike = (
+            (1.0 - TOGETHER) * single + TOGETHER * _rbf(self.x, self.x, NEAR)
+            if self.wall
+            else single
+        )
         error = self.error[:, None] * alike * self.error
         fade = _fade(self.x, choice.power, self.wall)
         prior = _kernel(self.x, self.x, choice, self.wall)

@@ -18,7 +18,15 @@ from models.errors import ConfigError, UserError
 from models.frames import Array
 
 PACKAGE = "openfoam"
-PROGRAMS = ("blockMesh", "checkMesh", "topoSet", "postProcess", "mapFields", "simpleFoam", "pimpleFoam")
+PROGRAMS = (
+    "blockMesh",
+    "checkMesh",
+    "topoSet",
+    "postProcess",
+    "mapFields",
+    "simpleFoam",
+    "pimpleFoam",
+)
 _DEBIAN_HOME = Path("/usr/share/openfoam")
 
 
@@ -66,11 +74,15 @@ def run(folder: Path, program: str, *arguments: str) -> str:
     with (folder / "log").open("a", encoding="utf-8") as log:
         log.write(f"==== {program} {' '.join(arguments)}\n{output}")
     if -done.returncode in _FROM_OUTSIDE:
-        raise StoppedError(f"case {folder.name}: {program} was stopped by signal {-done.returncode}")
+        raise StoppedError(
+            f"case {folder.name}: {program} was stopped by signal {-done.returncode}"
+        )
     if done.returncode != 0:
         fatal = re.search(r"FOAM FATAL.*?\n(.*?)\n\s*\n", output, re.S)
         reason = " ".join(fatal[1].split()) if fatal else f"exit code {done.returncode}"
-        raise SolverError(f"case {folder.name}: {program} failed ({reason[:160]}); see {folder / 'log'}")
+        raise SolverError(
+            f"case {folder.name}: {program} failed ({reason[:160]}); see {folder / 'log'}"
+        )
     return output
 
 
@@ -82,7 +94,9 @@ def _die_with_parent() -> None:
 
 def times(folder: Path) -> list[str]:
     """Names of the states on disk after the start, in order."""
-    found = [p.name for p in folder.iterdir() if p.is_dir() and re.fullmatch(r"\d+(\.\d+)?", p.name)]
+    found = [
+        p.name for p in folder.iterdir() if p.is_dir() and re.fullmatch(r"\d+(\.\d+)?", p.name)
+    ]
     return sorted((t for t in found if float(t) > 0), key=float)
 
 
@@ -97,14 +111,22 @@ def surface_loads(folder: Path) -> dict[float, Array]:
     out: dict[float, Array] = {}
     for start in sorted((folder / "postProcessing/loads").iterdir(), key=lambda p: float(p.name)):
         force, moment = (_table(start / name) for name in ("force.dat", "moment.dat"))
-        out |= {time: np.concatenate([force[time], moment[time]]) for time in force if time in moment}
+        out |= {
+            time: np.concatenate([force[time], moment[time]]) for time in force if time in moment
+        }
     return out
 
 
 def _table(path: Path) -> dict[float, Array]:
     """Time -> the first triple of each line."""
-    lines = (re.sub("[()]", " ", line).split() for line in path.read_text(encoding="utf-8").splitlines())
-    return {float(f[0]): np.array(f[1:4], dtype=float) for f in lines if len(f) >= 4 and not f[0].startswith("#")}
+    lines = (
+        re.sub("[()]", " ", line).split() for line in path.read_text(encoding="utf-8").splitlines()
+    )
+    return {
+        float(f[0]): np.array(f[1:4], dtype=float)
+        for f in lines
+        if len(f) >= 4 and not f[0].startswith("#")
+    }
 
 
 def read_field(path: Path) -> Array:
@@ -137,7 +159,8 @@ def _cells(raw: bytes, path: Path) -> tuple[int, int, int] | None:
     head = re.search(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s+(\d+)\s*\(", raw)
     if head is None:
         return None
-    count, width = int(head[2]), 3 if head[1] == b"vector" else 1
+    count = int(head[2])
+    width = 3 if head[1] == b"vector" else 1
     if len(raw) < head.end() + 8 * count * width:
         raise SolverError(f"field {path}: is cut short")
     return head.end(), count, width

@@ -66,7 +66,11 @@ def full_kind(rows: Sequence[Row], rpm: float) -> Kind:
     """The kind of full model that was computed at most positions; the finer mesh where two are equal."""
     places: dict[Kind, set[Place]] = {}
     for row in rows:
-        if row.position.model == "full" and row.position.rpm == rpm and row.result.status in LABELLED:
+        if (
+            row.position.model == "full"
+            and row.position.rpm == rpm
+            and row.result.status in LABELLED
+        ):
             places.setdefault(kind_of(row.position), set()).add(row.position.place)
     return max(places, key=lambda kind: (len(places[kind]), kind[1]), default=("full", 1.0))
 
@@ -97,9 +101,12 @@ def _label(place: Place, states: Sequence[Row], known: MeanError) -> Label:
     if math.isinf(place[1]):
         # The mirrored state is a solution as well: the mean is zero, exactly, the state's size the amplitude.
         amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
-        error, wrench = np.where(TILT, 0.0, error), np.where(TILT, 0.0, wrench)
+        error = np.where(TILT, 0.0, error)
+        wrench = np.where(TILT, 0.0, wrench)
     found = {r.result.status for r in states}
-    return Label(wrench, amplitude, error, error, next(s for s in LABELLED if s in found), len(states))
+    return Label(
+        wrench, amplitude, error, error, next(s for s in LABELLED if s in found), len(states)
+    )
 
 
 class MeanError:
@@ -113,7 +120,8 @@ class MeanError:
         self.found: dict[bool, list[tuple[float, Array]]] = {True: [], False: []}
         for p, r in ((row.position, row.result) for row in rows):
             forbidden = TILT & math.isinf(p.d)
-            mean, iterated = np.array(r.wrench), np.array(r.iterated)
+            mean = np.array(r.wrench)
+            iterated = np.array(r.iterated)
             self._add(p, _in_circles(r), np.where(forbidden, mean, np.nan))
             if np.isfinite(iterated).all() and np.isfinite(r.error).all():
                 apart = np.sqrt(np.maximum((iterated - mean) ** 2 - np.square(r.error), 0.0))
@@ -134,7 +142,10 @@ class MeanError:
         Its own is that of block averages, else swing and drift.
         """
         own = np.where(np.isnan(row.result.error), _amplitude(row.result), row.result.error)
-        return np.maximum(own, row.position.rpm**2 * self._near(row.position.h, self.found[_in_circles(row.result)]))
+        return np.maximum(
+            own,
+            row.position.rpm**2 * self._near(row.position.h, self.found[_in_circles(row.result)]),
+        )
 
     def _near(self, h: float, found: Sequence[tuple[float, Array]]) -> Array:
         """Rms (6,) of what was missed near that height; zero where nothing is known."""
@@ -142,7 +153,9 @@ class MeanError:
         size = np.array([size for _, size in found]).reshape(-1, 6)
         known = np.isfinite(size)
         # The nearest counts, however far it is.
-        weight = np.exp(-0.5 * (apart**2 - (apart**2).min(initial=np.inf)) / WIDTH**2)[:, None] * known
+        weight = (
+            np.exp(-0.5 * (apart**2 - (apart**2).min(initial=np.inf)) / WIDTH**2)[:, None] * known
+        )
         square = (weight * np.where(known, size, 0.0) ** 2).sum(axis=0)
         return np.asarray(np.sqrt(square / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)))
 

@@ -34,9 +34,13 @@ class Meridian:
     """Lengths over R. ``z`` (8,) heights of the rows of points from the ground up, ``bore`` and ``skin`` (8,) radii."""
 
     def __init__(self, setup: Setup, position: Position) -> None:
-        fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
-        self.setup, self.position = setup, position
-        self.centre, self.lip = fan.lip_foot, fan.lip_thickness / 2
+        fan = setup.fan
+        rotor = setup.rotor
+        mesh = setup.mesh
+        self.setup = setup
+        self.position = position
+        self.centre = fan.lip_foot
+        self.lip = fan.lip_thickness / 2
         lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
         upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
         bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
@@ -53,13 +57,20 @@ class Meridian:
     def cap(self) -> Array:
         """Points (n, 2) over the top of the lip from 45 deg inside to 45 deg outside."""
         t = np.linspace(math.pi - LIP_TURN, LIP_TURN, 2 * CURVE_POINTS + 2)[1:-1]
-        return np.column_stack([1 + self.lip + self.lip * np.cos(t), self.centre + self.lip * np.sin(t)])
+        return np.column_stack(
+            [1 + self.lip + self.lip * np.cos(t), self.centre + self.lip * np.sin(t)]
+        )
 
     def flank(self, *, outer: bool) -> Array:
         """Points (n, 2) from the upper disc's height up the straight part and to 45 deg of the lip."""
-        crest, reach = 1 + self.lip, self.lip if outer else -self.lip
-        r0, z0 = (self.skin[5] if outer else 1.0), self.z[5]
-        straight = np.linspace(0, 1, 6)[1:, None] * [crest + reach - r0, self.centre - z0] + [r0, z0]
+        crest = 1 + self.lip
+        reach = self.lip if outer else -self.lip
+        r0 = self.skin[5] if outer else 1.0
+        z0 = self.z[5]
+        straight = np.linspace(0, 1, 6)[1:, None] * [crest + reach - r0, self.centre - z0] + [
+            r0,
+            z0,
+        ]
         t = np.linspace(0, LIP_TURN, CURVE_POINTS + 1)[1:-1]
         bend = np.column_stack([crest + reach * np.cos(t), self.centre + self.lip * np.sin(t)])
         return np.concatenate([straight, bend])
@@ -86,16 +97,23 @@ class Meridian:
         """Radii over R of the bore line and of the skin line at each row of points."""
         fan = self.setup.fan
         gone = self.lip * (1 - math.cos(LIP_TURN))
-        bore, skin = np.ones(8), np.zeros(8)
+        bore = np.ones(8)
+        skin = np.zeros(8)
         bore[1] = fan.exit_radius
         inside = (self.z > fan.exit_height) & (self.z < 0.0)
-        bore[inside] = fan.exit_radius + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
+        bore[inside] = (
+            fan.exit_radius
+            + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
+        )
         along = (self.z[1:6] - fan.exit_height) / (self.centre - fan.exit_height)
         skin[1:6] = fan.exit_skin + along * (fan.lip_radius - fan.exit_skin)
-        bore[6], skin[6] = 1 + gone, fan.lip_radius - gone
+        bore[6] = 1 + gone
+        skin[6] = fan.lip_radius - gone
         # The lines open below the duct and above the lip.
-        bore[0], skin[0] = 0.97, min(fan.exit_skin + 0.12, fan.lip_radius)
-        bore[7], skin[7] = 1.0, fan.lip_radius
+        bore[0] = 0.97
+        skin[0] = min(fan.exit_skin + 0.12, fan.lip_radius)
+        bore[7] = 1.0
+        skin[7] = fan.lip_radius
         return bore, skin
 
     def _row_cells(self) -> list[int]:

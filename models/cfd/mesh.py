@@ -14,7 +14,15 @@ import numpy as np
 
 from models.cfd.blocks import Blocks
 from models.cfd.config import Setup
-from models.cfd.meridian import CURVE_POINTS, LOWER_ROW, SOLID, UPPER_ROW, Meridian, both_ends, growing
+from models.cfd.meridian import (
+    CURVE_POINTS,
+    LOWER_ROW,
+    SOLID,
+    UPPER_ROW,
+    Meridian,
+    both_ends,
+    growing,
+)
 from models.cfd.position import Position
 from models.frames import Array
 
@@ -23,7 +31,10 @@ BOX_MERGE = 0.6
 # Radius of the core over the hub's; chosen.
 CORE = 0.5
 # Type of each patch.
-KINDS = dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;") | {"far": "patch;", "mirror": "symmetryPlane;"}
+KINDS = dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;") | {
+    "far": "patch;",
+    "mirror": "symmetryPlane;",
+}
 # Sides of a block by its corners: bottom, top and the four around. The solver takes any order, of
 # patches too; these are those of the files from which the shipped cases were computed.
 ENDS = ((0, 1, 2, 3), (4, 5, 6, 7))
@@ -41,8 +52,11 @@ class _Builder:
     """One case's geometry; see ``block_mesh``."""
 
     def __init__(self, setup: Setup, position: Position) -> None:
-        fan, mesh = setup.fan, setup.mesh
-        self.setup, self.position, self.out = setup, position, Blocks()
+        fan = setup.fan
+        mesh = setup.mesh
+        self.setup = setup
+        self.position = position
+        self.out = Blocks()
         self.meridian = Meridian(setup, position)
         self.n, self.rows, self.grade_z = self.meridian.n, self.meridian.rows, self.meridian.grade_z
         hub = np.full(8, fan.hub_radius)
@@ -54,7 +68,11 @@ class _Builder:
         self.right = wall if math.isfinite(wall) else mesh.far
         corner = math.atan2(mesh.box, self.box_right)
         half = [0.0, corner, 0.75 * math.pi, math.pi]
-        self.angles = half if not position.swirl else [*half, 1.25 * math.pi, 2 * math.pi - corner, 2 * math.pi]
+        self.angles = (
+            half
+            if not position.swirl
+            else [*half, 1.25 * math.pi, 2 * math.pi - corner, 2 * math.pi]
+        )
         self.scale_m = fan.radius_m
         # Sides of a core that face each other need equal counts.
         self.around = self.n(mesh.azimuth / 3)
@@ -71,7 +89,9 @@ class _Builder:
         for row, side in itertools.product(range(7), halves):
             self._outside(row, side)
         first = [self._bottom, "duct", *(["wall"] if self.wall_at_box else [])]
-        return self.out.text(self._patch, {name: KINDS[name] for name in [*first, "mirror", "hub", "far", "wall"]})
+        return self.out.text(
+            self._patch, {name: KINDS[name] for name in [*first, "mirror", "hub", "far", "wall"]}
+        )
 
     @property
     def _bottom(self) -> str:
@@ -79,7 +99,8 @@ class _Builder:
 
     def _patch(self, points: Array) -> str:
         """Patch on which an outer face with these points (4, 3) in m lies."""
-        far, z = self.setup.mesh.far, self.meridian.z
+        far = self.setup.mesh.far
+        z = self.meridian.z
 
         def at(axis: int, place: float) -> bool:
             return np.allclose(points[:, axis], self.scale_m * place, rtol=0.0, atol=1e-9)
@@ -101,7 +122,8 @@ class _Builder:
         return self._cartesian(row, radius * math.cos(angle), radius * math.sin(angle))
 
     def _on_box(self, row: int, angle: float) -> int:
-        c, s = math.cos(angle), math.sin(angle)
+        c = math.cos(angle)
+        s = math.sin(angle)
         box = self.setup.mesh.box
         x = self.box_right if c > 0 else -box
         # Only the mirror plane's two points and the four corners occur.
@@ -117,7 +139,9 @@ class _Builder:
     def _core(self, row: int, angles: Sequence[float]) -> None:
         """The quadrilateral of one half, above or below the hub."""
         corners = [self._on_circle(r, self.radii[0][r], t) for r in (row, row + 1) for t in angles]
-        self.out.block(corners, "", [self.around, self.around, self.rows[row]], ["1", "1", self.grade_z(row)])
+        self.out.block(
+            corners, "", [self.around, self.around, self.rows[row]], ["1", "1", self.grade_z(row)]
+        )
         self.out.sides(corners, CORE_SIDES)
 
     def _ring(self, row: int, column: int, a: float, b: float) -> None:
@@ -126,8 +150,15 @@ class _Builder:
         lo, hi = (self._corners(r, column, a, b) for r in (row, row + 1))
         zone = {LOWER_ROW: "lowerDisc", UPPER_ROW: "upperDisc"}.get(row, "") if column == 1 else ""
         count = self.n((mesh.hub, mesh.bore, mesh.lip, mesh.ring)[column])
-        grade_r = both_ends(3.0) if column == 3 and self.wall_at_box else self.meridian.grade_r(column)
-        self.out.block([*lo, *hi], zone, [count, self.around, self.rows[row]], [grade_r, "1", self.grade_z(row)])
+        grade_r = (
+            both_ends(3.0) if column == 3 and self.wall_at_box else self.meridian.grade_r(column)
+        )
+        self.out.block(
+            [*lo, *hi],
+            zone,
+            [count, self.around, self.rows[row]],
+            [grade_r, "1", self.grade_z(row)],
+        )
         self.out.sides([*lo, *hi], RING_SIDES)
         for corners, r in ((lo, row), (hi, row + 1)):
             if column < 3:
@@ -146,18 +177,28 @@ class _Builder:
 
     def _arc(self, p: int, q: int, row: int, line: int, a: float, b: float) -> None:
         angle = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
-        self.out.curve(p, q, self.scale_m * self.radii[line][row], self.scale_m * self.meridian.z[row], angle)
+        self.out.curve(
+            p, q, self.scale_m * self.radii[line][row], self.scale_m * self.meridian.z[row], angle
+        )
 
-    def _lip(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
+    def _lip(
+        self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]
+    ) -> None:
         """The lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
         line = self.meridian
         for angle, near, far in zip(angles, (0, 3), (1, 2), strict=True):
             if (row, column) == (5, 1):
-                p, q, points = lo[far], hi[far], line.flank(outer=False)
+                p = lo[far]
+                q = hi[far]
+                points = line.flank(outer=False)
             elif (row, column) == (5, 3):
-                p, q, points = lo[near], hi[near], line.flank(outer=True)
+                p = lo[near]
+                q = hi[near]
+                points = line.flank(outer=True)
             elif (row, column) == (6, 2):
-                p, q, points = lo[near], lo[far], line.cap()
+                p = lo[near]
+                q = lo[far]
+                points = line.cap()
             else:
                 return
             radius, z = self.scale_m * points.T
@@ -167,7 +208,8 @@ class _Builder:
 
     def _outside(self, row: int, side: float) -> None:
         mesh = self.setup.mesh
-        box, far = mesh.box, mesh.far
+        box = mesh.box
+        far = mesh.far
         n_outer = self.n(mesh.outer)
         across = growing(far - box, n_outer, 0.2)
         columns = [
@@ -177,7 +219,9 @@ class _Builder:
         if self.right > self.box_right:
             room = self.right - self.box_right
             cells = max(3, round(n_outer * min(1.0, 0.35 + 0.65 * room / (far - box))))
-            grading = both_ends(2.0) if math.isfinite(self.position.d) else growing(room, cells, 0.2)
+            grading = (
+                both_ends(2.0) if math.isfinite(self.position.d) else growing(room, cells, 0.2)
+            )
             columns.append((self.box_right, self.right, cells, grading))
         for k, (x0, x1, nx, gx) in enumerate(columns):
             if k != 1:
@@ -194,10 +238,12 @@ class _Builder:
     ) -> None:
         places = list(zip((x[0], x[1], x[1], x[0]), (y[0], y[0], y[1], y[1]), strict=True))
         corners = [self._cartesian(r, *place) for r in (row, row + 1) for place in places]
-        order, step = [0, 1, 2, 3, 4, 5, 6, 7], 1
+        order = [0, 1, 2, 3, 4, 5, 6, 7]
+        step = 1
         if y[1] < y[0]:
             # Mirrored side: y runs first so that the block stays right-handed.
-            order, step = [0, 3, 2, 1, 4, 7, 6, 5], -1
+            order = [0, 3, 2, 1, 4, 7, 6, 5]
+            step = -1
         self.out.block(
             [corners[i] for i in order],
             "",

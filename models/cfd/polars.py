@@ -25,7 +25,9 @@ Section = Callable[[Array, float], tuple[Array, Array]]
 """Angle of attack [deg] (n,) and Reynolds number -> Cl (n,), Cd (n,)."""
 
 # Fine where sections fly and stall, coarse behind.
-ANGLES_DEG = np.concatenate([np.arange(-180.0, -30.0, 5.0), np.arange(-30.0, 40.0, 1.0), np.arange(40.0, 181.0, 5.0)])
+ANGLES_DEG = np.concatenate(
+    [np.arange(-180.0, -30.0, 5.0), np.arange(-30.0, 40.0, 1.0), np.arange(40.0, 181.0, 5.0)]
+)
 # A polar has kinks that a disc of cells cannot follow: the angle of attack is averaged over this width.
 SMOOTHING_DEG = 2.0
 # The inflow of a hovering fan over its tip speed, for the Reynolds number only.
@@ -56,15 +58,20 @@ def blades(setup: Setup, rpm: float, section: Section, *, swirl: bool) -> Blades
     return stations(setup, rpm, section, upper), stations(setup, rpm, section, lower)
 
 
-def stations(setup: Setup, rpm: float, section: Section, tip_pitch_deg: float) -> tuple[Station, ...]:
+def stations(
+    setup: Setup, rpm: float, section: Section, tip_pitch_deg: float
+) -> tuple[Station, ...]:
     """Tables of one disc for one rotor speed, from hub to tip."""
-    rotor, radius_m = setup.rotor, setup.fan.radius_m
+    rotor = setup.rotor
+    radius_m = setup.fan.radius_m
     tip_speed = rpm * 2 * math.pi / 60 * radius_m
     ends = (rotor.root_radius, rotor.tip_radius)
     out = []
     for x in np.linspace(*ends, rotor.stations):
         pitch = float(np.interp(x, ends, (rotor.root_pitch_deg, tip_pitch_deg)))
-        reynolds = tip_speed * math.hypot(x, INFLOW_RATIO) * rotor.chord_m / setup.air.viscosity_m2_s
+        reynolds = (
+            tip_speed * math.hypot(x, INFLOW_RATIO) * rotor.chord_m / setup.air.viscosity_m2_s
+        )
         cl, cd = _smooth(section, reynolds)
         phi = np.radians(pitch - ANGLES_DEG)
         axial = cl * np.cos(phi) - cd * np.sin(phi)
@@ -90,16 +97,22 @@ def neural_section(name: str) -> Section:
     try:
         import aerosandbox
     except ImportError:
-        raise ConfigError("blade polars need neuralfoil: pip install 'corner-compensator[cfd]'") from None
+        raise ConfigError(
+            "blade polars need neuralfoil: pip install 'corner-compensator[cfd]'"
+        ) from None
     with warnings.catch_warnings():
         # It warns where it should refuse; refused below.
         warnings.simplefilter("ignore")
         airfoil = aerosandbox.Airfoil(name)
     if airfoil.coordinates is None:
-        raise ConfigError(f"[rotor] section '{name}': unknown; use a NACA number or a name of the UIUC data base")
+        raise ConfigError(
+            f"[rotor] section '{name}': unknown; use a NACA number or a name of the UIUC data base"
+        )
 
     def section(angle_deg: Array, reynolds: float) -> tuple[Array, Array]:
-        aero = airfoil.get_aero_from_neuralfoil(alpha=angle_deg, Re=reynolds, mach=0.0, model_size="large")
+        aero = airfoil.get_aero_from_neuralfoil(
+            alpha=angle_deg, Re=reynolds, mach=0.0, model_size="large"
+        )
         return np.asarray(aero["CL"], dtype=float), np.asarray(aero["CD"], dtype=float)
 
     return section
@@ -107,7 +120,13 @@ def neural_section(name: str) -> Section:
 
 def foam_table(station: Station, backwards: bool) -> str:
     """The station as the solver's list (angle [deg], drag, lift)."""
-    angles, lift, drag = ANGLES_DEG, station.axial, station.tangential
+    angles = ANGLES_DEG
+    lift = station.axial
+    drag = station.tangential
     if backwards:
-        angles, lift, drag = -angles[::-1], lift[::-1], -drag[::-1]
-    return "\n".join(f"({a:.3f} {d:.6f} {c:.6f})" for a, d, c in zip(angles, drag, lift, strict=True))
+        angles = -angles[::-1]
+        lift = lift[::-1]
+        drag = -drag[::-1]
+    return "\n".join(
+        f"({a:.3f} {d:.6f} {c:.6f})" for a, d, c in zip(angles, drag, lift, strict=True)
+    )

@@ -46,7 +46,14 @@ def write(path: Path, rows: Sequence[Row]) -> None:
         out.writerow(
             [
                 *(p.model, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
-                *(r.status, *(f"{v:.6g}" for v in numbers), r.cells, r.iterations, r.steps, f"{r.seconds:.0f}"),
+                *(
+                    r.status,
+                    *(f"{v:.6g}" for v in numbers),
+                    r.cells,
+                    r.iterations,
+                    r.steps,
+                    f"{r.seconds:.0f}",
+                ),
                 *(r.start, r.note),
             ]
         )

@@ -11,7 +11,15 @@ from pkgutil import iter_modules
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Effect, FlightUse, InFlight
+from models.effects.effect import (
+    AdoptedEffect,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    InFlight,
+)
 from models.errors import ModelError
 from models.frames import AXES, Array
 
@@ -24,7 +32,10 @@ __all__ = [
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[Effect, ...]:
     """Every effect, in alphabetical order of its file."""
-    modules = [import_module(f"{__name__}.{name}") for name in sorted(m.name for m in iter_modules(__path__))]
+    modules = [
+        import_module(f"{__name__}.{name}")
+        for name in sorted(m.name for m in iter_modules(__path__))
+    ]
     return tuple(module.EFFECT for module in modules if hasattr(module, "EFFECT"))
 
 
@@ -33,10 +44,14 @@ def get(name: str) -> Effect:
     for effect in catalogue():
         if effect.name == name:
             return effect
-    raise ModelError(f"effect {name!r} is not in the catalogue; train the model with this version of the program")
+    raise ModelError(
+        f"effect {name!r} is not in the catalogue; train the model with this version of the program"
+    )
 
 
-def adopted(name: str, parameters: Mapping[str, float], without: Sequence[str] = ()) -> AdoptedEffect:
+def adopted(
+    name: str, parameters: Mapping[str, float], without: Sequence[str] = ()
+) -> AdoptedEffect:
     """The effect with these parameters, optional ones 0; ModelError where one is missing, unknown or not finite.
 
     Models are adopted on the ground and flown later, perhaps by another version: this refuses before take-off.
@@ -44,19 +59,32 @@ def adopted(name: str, parameters: Mapping[str, float], without: Sequence[str] =
     effect = get(name)
     optional = (*(c.name for c in effect.coefficients if c.optional), *effect.in_flight.covered)
     parameters = dict.fromkeys(optional, 0.0) | dict(parameters)
-    known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes} | set(effect.in_flight.covered)
-    for wrong, what in ((known - parameters.keys(), "lacks"), (parameters.keys() - known, "does not know")):
+    known = (
+        {c.name for c in effect.coefficients}
+        | {s.name for s in effect.shapes}
+        | set(effect.in_flight.covered)
+    )
+    for wrong, what in (
+        (known - parameters.keys(), "lacks"),
+        (parameters.keys() - known, "does not know"),
+    ):
         if wrong:
-            raise ModelError(f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this version")
+            raise ModelError(
+                f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this version"
+            )
     for key, value in parameters.items():
         if not math.isfinite(value):
-            raise ModelError(f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this version")
+            raise ModelError(
+                f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this version"
+            )
     for axis in set(without) - set(AXES):
         raise ModelError(f"effect {name!r}: axis {axis!r} is not one of {', '.join(AXES)}")
     return AdoptedEffect(name, parameters, tuple(without))
 
 
-def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False) -> Array:
+def adopted_wrench(
+    effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False
+) -> Array:
     """Sum of the adopted effects' wrenches (..., 6), body FRD about the CG.
 
     What corrects a measurement is left to ``corrected_state``. ``in_flight`` leaves out what is not compensated in
@@ -67,7 +95,9 @@ def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight:
         effect = get(one.name)
         use = effect.in_flight.use
         if use is InFlight.WRENCH or (use is InFlight.NONE and not in_flight):
-            wrench = np.nan_to_num(effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0)
+            wrench = np.nan_to_num(
+                effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0
+            )
             if one.without:
                 wrench[..., [AXES.index(a) for a in one.without]] = 0.0
             total += wrench

@@ -2,11 +2,12 @@
 
 Valid: V within 30 % of V0.
 Source: brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury 2013, Electric
-Motors and Drives, ch. 3.
+Motors and Drives, ch. 3. A loaded motor's speed follows it less than in proportion, which gives powers of 1 to 2.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,8 @@ from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
+ANSWERED = 0.003
+"""Standard deviation of ``ohmic`` where the thrust only answers disturbances."""
 SLOW_S = 1.0
 """Standard deviation of the Gaussian that voltage goes through: packs empty over minutes, telemetry is noisy [s]."""
 
@@ -23,7 +26,9 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     volts = ctx.state.battery_voltage_v
     if ctx.record:
         # Noise of the voltage would be fitted instead of what the pack does, and make its power too small.
-        volts = through(ctx, volts[:, None], lambda omega: np.exp(-0.5 * (SLOW_S * omega) ** 2))[:, 0]
+        volts = through(ctx, volts[:, None], lambda omega: np.exp(-0.5 * (SLOW_S * omega) ** 2))[
+            :, 0
+        ]
     fuller = volts / shape[0] - 1.0
     # The drop over the pack's resistance, when the current rises with the thrust, is faster than that.
     above = ctx.thrust.sum(axis=-1) / ctx.weight - 1.0
@@ -36,15 +41,21 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _ohmic(ctx: Context) -> float:
-    # A loop that answers losses of lift by more thrust passes for thrust that falls with the current.
-    return 0.003 if ctx.only_answers else ctx.by_kind(0.01, 0.1)
+    # A loop that answers losses of lift by more thrust passes for thrust that falls with the current: of the mixture of
+    # both the standard deviation.
+    usual = ctx.by_kind(0.01, 0.1)
+    return math.sqrt(ctx.commanded * usual**2 + (1.0 - ctx.commanded) * ANSWERED**2)
 
 
 def _lacking(ctx: Context) -> str | None:
     known = ctx.state.battery_voltage_v[np.isfinite(ctx.state.battery_voltage_v)]
     if not known.size:
         return "no battery voltage in the log"
-    return None if np.ptp(known) > 0.005 * float(np.median(known)) else "the battery voltage did not change"
+    return (
+        None
+        if np.ptp(known) > 0.005 * float(np.median(known))
+        else "the battery voltage did not change"
+    )
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -62,7 +73,7 @@ EFFECT = Effect(
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
     coefficients=(
-        Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
+        Coefficient("power", "1", 0.0, 4.0, typical=0.6, centre=1.5),
         Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, belongs_to=BelongsTo.LOAD),
         Coefficient("ohmic", "1", -0.2, 0.8, typical=_ohmic, optional=True),
     ),

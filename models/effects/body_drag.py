@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, Shown
-from models.effects.pictures import over_speed
+from models.effects.pictures import force_words, over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
@@ -20,16 +20,18 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     v = ctx.velocity
     discs = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
     pressure = -0.5 * RHO_SEA_LEVEL * discs * np.abs(v) * v
-    front, side = np.zeros((*v.shape[:-1], 6)), np.zeros((*v.shape[:-1], 6))
-    front[..., 0], side[..., 1] = pressure[..., 0], pressure[..., 1]
+    front = np.zeros((*v.shape[:-1], 6))
+    side = np.zeros((*v.shape[:-1], 6))
+    front[..., 0] = pressure[..., 0]
+    side[..., 1] = pressure[..., 1]
     return front, side
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     pressure = 0.5 * RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans) * 3.0**2
-    return (
-        f"the drag of the body at 3 m/s is {p['front'] * pressure:.2g} N forward, {p['side'] * pressure:.2g} N sideways"
-    )
+    front = force_words(ctx, p["front"] * pressure)
+    side = force_words(ctx, p["side"] * pressure)
+    return f"the drag of the body at 3 m/s is {front} forward, {side} sideways"
 
 
 EFFECT = Effect(

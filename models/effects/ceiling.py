@@ -10,7 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, FlightUse, Shape, Shown, where_seen
+from models.effects.effect import (
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    Shape,
+    Shown,
+    where_seen,
+)
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -45,5 +54,8 @@ EFFECT = Effect(
     shapes=(Shape("scale", "1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
     lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),
     aliases=("thrust_scale",),
-    shown=Shown(lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis), _words),
+    shown=Shown(
+        lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis),
+        _words,
+    ),
 )

@@ -19,7 +19,8 @@ from models.vehicle_wrench import vane_wrench
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     vanes = np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, ctx.thrust))
     force = (ctx.rotor_wrench + vanes)[..., :3]
-    x, y = np.zeros((*force.shape[:-1], 6)), np.zeros((*force.shape[:-1], 6))
+    x = np.zeros((*force.shape[:-1], 6))
+    y = np.zeros((*force.shape[:-1], 6))
     x[..., 3:] = -np.cross(np.array([1.0, 0.0, 0.0]), force)
     y[..., 3:] = -np.cross(np.array([0.0, 1.0, 0.0]), force)
     return x, y
@@ -38,7 +39,9 @@ EFFECT = Effect(
     axes=("Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="vary the thrust: quick climbs and stops",
-    coefficients=tuple(Coefficient(a, "m", -0.3, 0.3, typical=lambda ctx: 0.05 * ctx.lever) for a in "xy"),
+    coefficients=tuple(
+        Coefficient(a, "m", -0.3, 0.3, typical=lambda ctx: 0.05 * ctx.lever) for a in "xy"
+    ),
     wrenches=_wrenches,
     needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown
-from models.effects.pictures import over_surfaces
+from models.effects.pictures import force_words, over_surfaces
 from models.frames import Array
 
 
@@ -19,7 +19,10 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
     bearing = ctx.state.wall_bearing_rad
     velocity = ctx.velocity[..., None, :] + ctx.turning
-    closing = velocity[..., 0] * np.cos(bearing)[..., None] + velocity[..., 1] * np.sin(bearing)[..., None]
+    closing = (
+        velocity[..., 0] * np.cos(bearing)[..., None]
+        + velocity[..., 1] * np.sin(bearing)[..., None]
+    )
     return ctx.pull(-depth, bearing), ctx.pull(np.where(depth > 0.0, -closing, 0.0), bearing)
 
 
@@ -32,10 +35,11 @@ def _lacking(ctx: Context) -> str | None:
     return None if _grid(ctx) else "never within 10 cm of a wall"
 
 
-def _words(_: Context, p: Mapping[str, float]) -> str:
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    force = force_words(ctx, p["stiffness"] * 0.01)
     return (
         f"the vehicle touches the wall at {p['reach_m'] * 100.0:.0f} cm: each centimetre closer adds "
-        f"{p['stiffness'] * 0.01:.2g} N at each fan"
+        f"{force} at each fan"
     )
 
 
@@ -48,8 +52,20 @@ EFFECT = Effect(
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
     coefficients=(
-        Coefficient("stiffness", "N/m", 1.0, 1e4, typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans)),
-        Coefficient("damping", "N s/m", -100.0, 1e3, typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans)),
+        Coefficient(
+            "stiffness",
+            "N/m",
+            1.0,
+            1e4,
+            typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans),
+        ),
+        Coefficient(
+            "damping",
+            "N s/m",
+            -100.0,
+            1e3,
+            typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans),
+        ),
     ),
     wrenches=_wrenches,
     shapes=(Shape("reach_m", "m"),),

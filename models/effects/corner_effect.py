@@ -17,8 +17,10 @@ from models.frames import Array
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    length, bearing = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.wall_bearing_rad
-    h, d = ctx.state.h_m, ctx.state.d_m
+    length = shape[0] * ctx.vehicle.rotor_radius_m
+    bearing = ctx.state.wall_bearing_rad
+    h = ctx.state.h_m
+    d = ctx.state.d_m
     size = ctx.shared_thrust * decay(h, length) * decay(d, length)
     with np.errstate(invalid="ignore"):
         higher = np.where(size > 0.0, size * h / length, 0.0)
@@ -33,10 +35,12 @@ def _lacking(ctx: Context) -> str | None:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     length = p["length_radii"] * ctx.vehicle.rotor_radius_m
-    h, d = nearest(ctx.state.h_m), nearest(ctx.state.d_m)
+    h = nearest(ctx.state.h_m)
+    d = nearest(ctx.state.d_m)
     near = float(np.exp(-(h + d) / length))
     pull, lift = ((p[name] + p[f"{name}_rise"] * h / length) * near for name in ("pull", "lift"))
-    way, change = "to the wall" if pull > 0.0 else "off the wall", "lifts" if lift > 0.0 else "takes lift"
+    way = "to the wall" if pull > 0.0 else "off the wall"
+    change = "lifts" if lift > 0.0 else "takes lift"
     return f"in the corner the air pushes {way} with {percent(pull)} of the thrust and {change} by {percent(lift)}"
 
 
@@ -45,7 +49,14 @@ EFFECT = Effect(
     equation="F(h,d) - F(h,inf) - F(inf,d) + F(inf,inf) = sum T (a + b h/L) exp(-(h + d)/L), for pull, lift, tilt/R",
     sign="pull, tilt > 0: towards the wall; lift > 0: more lift; rise > 0: more of it higher up",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
-    channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
+    channels=(
+        "range_down_m",
+        "range_right_m",
+        "range_left_m",
+        "range_forward_m",
+        "range_back_m",
+        "rpm_1",
+    ),
     excite="descend and climb beside a wall, slowly, at two distances",
     coefficients=tuple(
         Coefficient(f"{part}{rise}", "1", -2.0, 2.0, typical=typical)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from itertools import product
@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from models.air_state import AirState
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import FanModel, fan_rpm, fan_torques, free_air_thrust, rpm_from_servos, servo_thrust
+from models.vehicle_wrench import (
+    FanModel,
+    fan_rpm,
+    fan_torques,
+    free_air_thrust,
+    rpm_from_servos,
+    servo_thrust,
+)
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
@@ -24,6 +31,12 @@ PULL, TILT = np.eye(6)[[0, 4]]
 """Force towards the wall and moment that tilts to it, in a fan's corner frame."""
 APART_S = 0.5
 """Time over which changes of thrust and specific force are compared: what drifts does not count [s]."""
+
+
+IMPOSSIBLE = 1e-30
+"""Probability of what is as good as impossible: its logarithm is a number."""
+LEAST_LOAD = 0.2
+"""Share of its mass that every vehicle lifts besides: without that much thrust to spare it would not be flown."""
 
 
 class InFlight(Enum):
@@ -70,7 +83,7 @@ class Coefficient:
     name: str
     unit: str
     low: Size
-    high: float
+    high: Size
     typical: Size = 1.0
     centre: Size = 0.0
     belongs_to: BelongsTo | None = None
@@ -84,6 +97,10 @@ class Coefficient:
     def least(self, ctx: Context) -> float:
         """Lower end of what physics expects."""
         return self.low(ctx) if callable(self.low) else self.low
+
+    def most(self, ctx: Context) -> float:
+        """Upper end of what physics expects."""
+        return self.high(ctx) if callable(self.high) else self.high
 
     def mean(self, ctx: Context) -> float:
         """Mean of the prior."""
@@ -121,8 +138,10 @@ class Context:
     model: FanModel | None = None
     clock_moved_s: float = 0.0
     """How much later than stamped the rotor speeds were taken to be."""
-    only_answers: bool = False
-    """Whether rotor speeds mostly answer noise, as in a flight that only hovers."""
+    commanded: float = 1.0
+    """Probability that the thrust changed by command, and not only in response to disturbances (``delays.py``)."""
+    accelerometer: bool = True
+    """Whether the specific force was measured, and not computed from the velocity."""
     judged_s: tuple[float, float] | None = None
     """First and last time of a record that is judged, in the air; None: all of it."""
 
@@ -150,7 +169,9 @@ class Context:
             per_rotor = servo_thrust(self.vehicle, self.state.servo_us)
             return np.asarray(np.add.reduceat(per_rotor, self.vehicle.first_rotors, axis=-1))
         each = zip(self.vehicle.fans, np.moveaxis(self.rpm, -1, 0), strict=True)
-        return np.stack([free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1)
+        return np.stack(
+            [free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1
+        )
 
     @cached_property
     def shared_thrust(self) -> Array:
@@ -173,7 +194,8 @@ class Context:
         Section and Panel Data, ch. 5): thrust that takes off a disturbance within the control loop is not felt. Noise
         of the accelerometer makes it too large, nothing makes it too small.
         """
-        thrust, felt = self.thrust.sum(axis=-1) / self.weight, -self.state.specific_force[:, 2] / GRAVITY
+        thrust = self.thrust.sum(axis=-1) / self.weight
+        felt = -self.state.specific_force[:, 2] / GRAVITY
         apart = max(round(APART_S / float(np.median(np.diff(self.state.time_s)))), 1)
         a, b = (x[apart:] - x[:-apart] for x in (thrust, felt))
         known = np.isfinite(a) & np.isfinite(b)
@@ -184,7 +206,10 @@ class Context:
         """Rotor speeds (..., rotors) at which every fan gives its ``shared_thrust``."""
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.sqrt(self.shared_thrust / self.thrust)
-        return self.rotor_rpm * np.where(np.isfinite(ratio), ratio, 1.0)[..., np.asarray(self.vehicle.rotor_fan)]
+        return (
+            self.rotor_rpm
+            * np.where(np.isfinite(ratio), ratio, 1.0)[..., np.asarray(self.vehicle.rotor_fan)]
+        )
 
     @cached_property
     def rotor_wrench(self) -> Array:
@@ -211,7 +236,9 @@ class Context:
     @cached_property
     def velocity(self) -> Array:
         """Velocity over ground, body FRD, (..., 3)."""
-        return np.asarray(np.einsum("...ji,...j->...i", self.state.rotation, self.state.velocity_ned))
+        return np.asarray(
+            np.einsum("...ji,...j->...i", self.state.rotation, self.state.velocity_ned)
+        )
 
     @cached_property
     def turning(self) -> Array:
@@ -240,7 +267,12 @@ class Context:
         Sinking along the rotor axis adds rho A v_down to the mass flow.
         """
         own = self.velocity[..., None, :]
-        sinking = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * own[..., 2] * np.ones(len(self.vehicle.fans))
+        sinking = (
+            RHO_SEA_LEVEL
+            * self.vehicle.disc_area_m2
+            * own[..., 2]
+            * np.ones(len(self.vehicle.fans))
+        )
         return (
             self.level_drag(own, self.mass_flow, above_m),
             self.level_drag(self.turning, self.mass_flow, above_m),
@@ -255,6 +287,19 @@ class Context:
         """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which say less."""
         return speeds if self.vehicle.telemetered else outputs
 
+    def if_commanded(self, chance: float) -> float:
+        """The chance of an effect that shows in commanded changes of the thrust only: others pass for it."""
+        return max(chance * self.commanded, IMPOSSIBLE)
+
+    @property
+    def most_load_kg(self) -> float:
+        """What the rotors can lift besides the vehicle: by their full thrust, or else as much again as it weighs."""
+        throttle = self.vehicle.throttle
+        if throttle is None:
+            return self.vehicle.mass_kg
+        lifted = throttle.max_thrust_n * len(self.vehicle.rotors) / GRAVITY
+        return max(lifted - self.vehicle.mass_kg, LEAST_LOAD * self.vehicle.mass_kg)
+
     @property
     def weight(self) -> float:
         """Declared weight [N]."""
@@ -263,12 +308,19 @@ class Context:
     @property
     def lever(self) -> float:
         """Farthest fan from the CG, or the rotor's radius where that is larger [m]: unit of arms."""
-        return float(max(np.linalg.norm(self.vehicle.fan_positions_m, axis=1).max(), self.vehicle.rotor_radius_m))
+        return float(
+            max(
+                np.linalg.norm(self.vehicle.fan_positions_m, axis=1).max(),
+                self.vehicle.rotor_radius_m,
+            )
+        )
 
     def wrench_at_cg(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
         wrenches = np.concatenate([forces, np.zeros_like(forces)], axis=-1)
-        return np.asarray(at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2))
+        return np.asarray(
+            at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2)
+        )
 
     def lift(self, forces: Array) -> Array:
         """Wrench about the CG (..., 6) of forces (..., fans) up the fans' axes."""
@@ -302,11 +354,6 @@ def where_seen(distance: str, otherwise: str) -> Callable[[Context], str | None]
     return lambda ctx: None if np.isfinite(getattr(ctx.state, distance)).any() else otherwise
 
 
-def where_thrust_is_flown(ctx: Context) -> str | None:
-    """``lacking`` of effects that show in changes of the thrust, but not in those that answer disturbances."""
-    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
-
-
 @dataclass(frozen=True)
 class Drawn:
     """How a record shows an effect: force or moment in ``direction`` (6,) or (n, 6) over a quantity ``values`` (n,)."""
@@ -318,16 +365,34 @@ class Drawn:
     direction: Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A number that is said in place of one parameter, in the words and units of people.
+
+    A model directory keeps the parameter: the force that it stands for is the same.
+    """
+
+    instead_of: str
+    name: str
+    unit: str
+    of: Callable[[Context, Mapping[str, Array]], Array] | None = None
+    """Of draws (m,) of every parameter, draws (m,) of the quantity; None: the parameter itself, by another name."""
+
+
 @dataclass(frozen=True)
 class Shown:
-    """How people see an effect: its picture, its size as a pilot says it, and a remark."""
+    """How people see an effect: its picture, its size as a pilot says it, its numbers, and a remark."""
 
     drawn: Callable[[Context, str], Drawn] | None = None
     """The picture that shows it on one axis; None: over time."""
     in_words: Callable[[Context, Mapping[str, float]], str] | None = None
-    """Its size on a record; None: by its parameters."""
-    remark: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
-    """On parameters that were found, each (value, low, high)."""
+    """Its size on a record, by its numbers as they are said; None: by these numbers."""
+    quantities: tuple[Quantity, ...] = ()
+    """Numbers that are said in place of parameters; all other parameters are said as they are."""
+    log_weight: Callable[[Context, Mapping[str, Array]], Array] | None = None
+    """Of draws (m,) of every parameter, log weights (m,): prior of the quantities over that of the parameters."""
+    remark: Callable[[Mapping[str, bool]], str | None] | None = None
+    """By which parameters the flights determine."""
 
 
 @dataclass(frozen=True)
@@ -345,7 +410,9 @@ class FlightUse:
     """Those parameters by flights."""
 
 
-_SHOWN, _FLOWN, NOT_FLOWN = Shown(), FlightUse(), FlightUse(InFlight.NONE)
+_SHOWN = Shown()
+_FLOWN = FlightUse()
+NOT_FLOWN = FlightUse(InFlight.NONE)
 
 
 @dataclass(frozen=True)
@@ -406,6 +473,9 @@ class Effect:
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
     # What is made of it.
+    stays: Callable[[Mapping[str, float]], AdoptedEffect] | None = None
+    """Of an effect of one flight, what of it the next one has, by its parameters; None: itself, its coefficients of
+    one flight at zero."""
     in_flight: FlightUse = _FLOWN
     shown: Shown = _SHOWN
 
@@ -415,7 +485,9 @@ class Effect:
 
     def shape_grid(self, ctx: Context) -> Sequence[tuple[float, ...]]:
         """The places at which its shapes are tried on a flight; one empty place without shapes."""
-        return tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
+        return (
+            tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
+        )
 
     def of_day(self, coefficient: Coefficient) -> bool:
         """Whether every flight has its own."""
@@ -439,6 +511,12 @@ class Effect:
         gone = {c.name for c in self.coefficients if self.of_day(c)} | {"from_s"}
         return {name: 0.0 if name in gone else value for name, value in parameters.items()}
 
+    def next_flight(self, adopted: AdoptedEffect) -> AdoptedEffect:
+        """What an amended model takes of it to the next flight."""
+        if self.stays is None:
+            return replace(adopted, parameters=self.of_next_flight(adopted.parameters))
+        return replace(self.stays(adopted.parameters), without=adopted.without)
+
     def is_main(self, coefficient: Coefficient) -> bool:
         """Whether the effect is not there without it."""
         return not self.main or coefficient.name in self.main
@@ -454,9 +532,26 @@ class Effect:
         values = {c.name: float(v) for c, v in zip(self.coefficients, mixed, strict=True)}
         return values | {s.name: float(v) for s, v in zip(self.shapes, shape, strict=True)}
 
+    def said(self, ctx: Context, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Parameters as people say them: the quantities in place of those that they stand for."""
+        numbers = {name: np.array([value]) for name, value in parameters.items()}
+        quantities = {q.instead_of: q for q in self.shown.quantities}
+        out = {}
+        for name, value in parameters.items():
+            quantity = quantities.get(name)
+            if quantity is None:
+                out[name] = value
+            elif quantity.of is None:
+                out[quantity.name] = value
+            else:
+                out[quantity.name] = float(quantity.of(ctx, numbers)[0])
+        return out
+
     def mixed(self, independent: Array, shape: tuple[float, ...]) -> Array:
         """Coefficients (..., k) from independent ones (..., k)."""
-        return independent if self.mixing is None else np.asarray(independent @ self.mixing(shape).T)
+        return (
+            independent if self.mixing is None else np.asarray(independent @ self.mixing(shape).T)
+        )
 
     def wrench(self, ctx: Context, parameters: Mapping[str, float]) -> Array:
         """The effect's wrench (..., 6) with adopted parameters."""
@@ -482,8 +577,10 @@ def decay(distance: Array, length: float) -> Array:
 
 def through(ctx: Context, values: Array, response: Callable[[NDArray[Any]], NDArray[Any]]) -> Array:
     """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
-    n, step = len(values), float(np.median(np.diff(ctx.state.time_s)))
-    pad, index = min(n, int(20.0 / step) + 1), np.arange(n)
+    n = len(values)
+    step = float(np.median(np.diff(ctx.state.time_s)))
+    pad = min(n, int(20.0 / step) + 1)
+    index = np.arange(n)
     gain = response(2.0 * np.pi * np.fft.rfftfreq(n + 2 * pad, step))
     out = np.full_like(values, np.nan)
     for k, column in enumerate(values.T):

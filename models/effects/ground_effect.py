@@ -10,7 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
+from models.effects.effect import (
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    Shape,
+    Shown,
+    decay,
+    where_seen,
+)
 from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
@@ -21,7 +30,8 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    length, h = p["length_radii"] * ctx.vehicle.rotor_radius_m, nearest(ctx.state.h_m)
+    length = p["length_radii"] * ctx.vehicle.rotor_radius_m
+    h = nearest(ctx.state.h_m)
     extra = p["gain"] * float(np.exp(-h / length))
     half = f"{0.69 * length:.2f} m higher half of that"
     return f"at {h:.2f} m above ground the lift is {more(extra)} than modelled, {half}"

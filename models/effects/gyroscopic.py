@@ -17,11 +17,16 @@ from models.vehicle_wrench import RPM_TO_RAD_S
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors]) if abs(shape[0]) < 0.5 else np.sign(shape[0])
+    signs = (
+        np.array([rotor.spin for rotor in ctx.vehicle.rotors])
+        if abs(shape[0]) < 0.5
+        else np.sign(shape[0])
+    )
     spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
     change = np.gradient(spin, ctx.state.time_s) if ctx.record else np.zeros_like(spin)
     out = np.zeros((*spin.shape, 6))
-    out[..., 3], out[..., 4] = -ctx.state.rates[..., 1] * spin, ctx.state.rates[..., 0] * spin
+    out[..., 3] = -ctx.state.rates[..., 1] * spin
+    out[..., 4] = ctx.state.rates[..., 0] * spin
     out[..., 5] = -change
     return (out,)
 
@@ -38,7 +43,11 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     spin = mean(ctx.rotor_rpm) * RPM_TO_RAD_S * abs(p["inertia"])
-    return f"turned at 90 deg/s, one rotor gives a gyroscopic moment of {spin * np.radians(90.0):.2g} N m"
+    moment = spin * np.radians(90.0)
+    size = f"{moment:.2g} N m"
+    if ctx.vehicle.mass_assumed:
+        size = f"{moment / ctx.weight * 1000.0:.2g} mm times the weight"
+    return f"turned at 90 deg/s, one rotor gives a gyroscopic moment of {size}"
 
 
 EFFECT = Effect(

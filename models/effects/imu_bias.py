@@ -1,7 +1,10 @@
 """The accelerometer reads a constant too much in body axes, or stands askew on the rotors.
 
 Valid: constant temperature.
-Source: Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias.
+Source: Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias. Prior of the offset: zero-g
+output of soldered parts, 20 mg (ICM-42688-P, and 0.15 mg/K) to 50 mg (ICM-20948), by their data sheets. Bound: 0.75
+m/s^2, by which two accelerometers may differ before ArduPilot refuses to arm (ARMING_ACCTHRESH); PX4's
+estimator learns no more than 0.4 m/s^2 (EKF2_ABL_LIM).
 """
 
 from __future__ import annotations
@@ -11,23 +14,40 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
+from models.effects.mounting_tilt import TILTS, tilt_words, tilted_thrust
 from models.frames import Array
+
+USUAL_M_S2, MOST_M_S2 = 0.3, 0.75
+"""Standard deviation of an offset, 30 mg, and what an autopilot still flies with."""
+
+
+def _lacking(ctx: Context) -> str | None:
+    if ctx.accelerometer:
+        return None
+    return "the acceleration is computed from the velocity: there is no accelerometer"
+
+
+def _offset(name: str, belongs_to: BelongsTo | None = None) -> Coefficient:
+    return Coefficient(
+        name,
+        "m/s^2",
+        -MOST_M_S2,
+        MOST_M_S2,
+        typical=USUAL_M_S2,
+        belongs_to=belongs_to,
+    )
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
-    out = np.zeros((*ctx.state.time_s.shape, 6, 5))
-    out[..., :3, :3] = ctx.vehicle.mass_kg * np.eye(3)
-    # Rotors that do not stand square to the accelerometer: a part of the thrust along its level axes.
-    lift = ctx.thrust.sum(axis=-1)
-    out[..., 0, 3], out[..., 1, 4] = lift, -lift
-    return tuple(np.moveaxis(out, -1, 0))
+    out = np.zeros((*ctx.state.time_s.shape, 6, 3))
+    out[..., :3, :] = ctx.vehicle.mass_kg * np.eye(3)
+    return (*np.moveaxis(out, -1, 0), *tilted_thrust(ctx))
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     names = (("x", "forward"), ("y", "to the right"), ("z", "downwards"))
     size = ", ".join(f"{p[key]:+.2f} m/s² {name}" for key, name in names)
-    tilt = f"{np.degrees(p['pitch']):+.1f} degrees in pitch and {np.degrees(p['roll']):+.1f} in roll"
-    return f"the accelerometer reads {size} too much; the rotors are tilted against it by {tilt}"
+    return f"the accelerometer reads {size} too much; the rotors are tilted against it by {tilt_words(p)}"
 
 
 EFFECT = Effect(
@@ -39,12 +59,13 @@ EFFECT = Effect(
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
     coefficients=(
-        *(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xy"),
+        *(_offset(axis) for axis in "xy"),
         # Along the lift it cannot be told from a load, or from the battery: that is of the day.
-        Coefficient("z", "m/s^2", -1.5, 1.5, typical=0.3, belongs_to=BelongsTo.LOAD),
-        *(Coefficient(a, "rad", -0.15, 0.15, typical=0.02) for a in ("pitch", "roll")),
+        _offset("z", BelongsTo.LOAD),
+        *TILTS,
     ),
     wrenches=_wrenches,
+    lacking=_lacking,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=NOT_FLOWN,
     chance=0.3,

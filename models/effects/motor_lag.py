@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, Coefficient, Context, Effect, Shape, Shown, through, where_thrust_is_flown
+from models.effects.effect import NOT_FLOWN, Coefficient, Context, Effect, Shape, Shown, through
 from models.frames import Array
 
 LAG_DOUBT_S = 0.035
@@ -21,7 +21,11 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     if not ctx.record:
         return (np.zeros_like(wrench),)
     tau, dead = shape
-    return (through(ctx, wrench, lambda omega: np.exp(-1j * omega * dead) / (1.0 + 1j * omega * tau) - 1.0),)
+    return (
+        through(
+            ctx, wrench, lambda omega: np.exp(-1j * omega * dead) / (1.0 + 1j * omega * tau) - 1.0
+        ),
+    )
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -32,7 +36,8 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
-    dead, tau = p["dead_s"] * 1e3, p["tau_s"] * 1e3
+    dead = p["dead_s"] * 1e3
+    tau = p["tau_s"] * 1e3
     return f"thrust comes {dead:.0f} ms late, with a time constant of {tau:.0f} ms"
 
 
@@ -47,8 +52,7 @@ EFFECT = Effect(
     wrenches=_wrenches,
     shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
     grid=_grid,
-    lacking=where_thrust_is_flown,
-    chance=lambda ctx: ctx.by_kind(0.04, 0.2),
+    chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.04, 0.2)),
     searched=("Fz",),
     in_flight=NOT_FLOWN,
     shown=Shown(in_words=_words),

@@ -24,14 +24,17 @@ def _edge(ctx: Context) -> tuple[Array, float, float, float] | None:
     """Straight edge: normal towards the high side (2,), offset along it, and the two levels (high, low); or None."""
     place = ctx.state.position_ned
     fan = ctx.state.rotation[:, 2] @ ctx.vehicle.fan_positions_m[0]
-    surface = np.where(np.isfinite(ctx.state.h_m[:, 0]), place[:, 2] + fan + ctx.state.h_m[:, 0], np.nan)
+    surface = np.where(
+        np.isfinite(ctx.state.h_m[:, 0]), place[:, 2] + fan + ctx.state.h_m[:, 0], np.nan
+    )
     known = np.isfinite(surface)
     if known.sum() < 50:
         return None
     levels = np.quantile(surface[known], np.linspace(0.01, 0.99, 99))
     gaps = np.diff(levels)
     split = levels[gaps.argmax()] + gaps.max() / 2.0
-    high, low = surface < split, surface > split
+    high = surface < split
+    low = surface > split
     steps = np.flatnonzero((high[:-1] & low[1:]) | (low[:-1] & high[1:]))
     if gaps.max() < STEP_M or not steps.size:
         return None
@@ -43,7 +46,12 @@ def _edge(ctx: Context) -> tuple[Array, float, float, float] | None:
         normal *= np.sign(normal @ move) or 1.0
     else:
         normal = move / max(float(np.linalg.norm(move)), 1e-9)
-    return normal, float(np.median(crossing @ normal)), float(np.median(surface[high])), float(np.median(surface[low]))
+    return (
+        normal,
+        float(np.median(crossing @ normal)),
+        float(np.median(surface[high])),
+        float(np.median(surface[low])),
+    )
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:

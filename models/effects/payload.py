@@ -10,10 +10,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Quantity, Shape, Shown
 from models.effects.pictures import percent
 from models.frames import Array
 
+MISSING = 0.25
+"""Share of the mass that may be missing: a smaller pack and no camera. Some pack, a quarter of most, is on board."""
 BESIDE_S = 8.0
 """Flight before and after a load is picked up: right after the start the ground lifts, and the pack is not settled."""
 
@@ -33,10 +35,14 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    size = f"the vehicle is {abs(p['mass']):.2f} kg {'heavier' if p['mass'] > 0.0 else 'lighter'} than in its file"
-    share = percent(p["mass"] / ctx.vehicle.mass_kg)
+    mass = p["mass_kg"]
+    way = "heavier" if mass > 0.0 else "lighter"
+    share = percent(mass / ctx.vehicle.mass_kg)
     start = f", from {p['from_s']:.0f} s on" if p["from_s"] > 0.0 else ""
-    return f"{size} ({share} of {ctx.vehicle.mass_kg:.2f} kg){start}"
+    if ctx.vehicle.mass_assumed:
+        return f"the vehicle is {share} {way} than its lift says{start}"
+    size = f"the vehicle is {abs(mass):.2g} kg {way} than in its file"
+    return f"{size} ({share} of {ctx.vehicle.mass_kg:.2g} kg){start}"
 
 
 EFFECT = Effect(
@@ -50,7 +56,12 @@ EFFECT = Effect(
     # Loads are added more often than taken off.
     coefficients=(
         Coefficient(
-            "mass", "kg", -1e3, 1e3, lambda ctx: 0.15 * ctx.vehicle.mass_kg, lambda ctx: 0.1 * ctx.vehicle.mass_kg
+            "mass",
+            "kg",
+            low=lambda ctx: -MISSING * ctx.vehicle.mass_kg,
+            high=lambda ctx: ctx.most_load_kg,
+            typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg,
+            centre=lambda ctx: 0.1 * ctx.vehicle.mass_kg,
         ),
     ),
     wrenches=_wrenches,
@@ -60,5 +71,8 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    shown=Shown(in_words=_words),
+    shown=Shown(
+        in_words=_words,
+        quantities=(Quantity(instead_of="mass", name="mass_kg", unit="kg"),),
+    ),
 )

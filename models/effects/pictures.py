@@ -54,14 +54,18 @@ def over_thrust(ctx: Context, axis: str) -> Drawn:
 
 def over_wall(label: str, distance: Array, bearing: Array, axis: str) -> Drawn:
     """Force towards a wall at ``bearing`` [rad] (n,), or the moment that tilts to it, over its distance (n, fans)."""
-    c, s, out = np.cos(bearing), np.sin(bearing), np.zeros((len(bearing), 6))
+    c = np.cos(bearing)
+    s = np.sin(bearing)
+    out = np.zeros((len(bearing), 6))
     if axis in ("Mx", "My"):
         # Towards the wall ahead is nose down, towards the wall on the right is right side down.
-        out[:, 3], out[:, 4] = s, -c
+        out[:, 3] = s
+        out[:, 4] = -c
         return Drawn(label, fan_mean(distance), "extra moment towards the wall [N m]", out)
     if axis == "Fz":
         return over(label, fan_mean(distance), axis)
-    out[:, 0], out[:, 1] = c, s
+    out[:, 0] = c
+    out[:, 1] = s
     return Drawn(label, fan_mean(distance), "extra force towards the wall [N]", out)
 
 
@@ -74,13 +78,16 @@ def over_surfaces(ctx: Context, axis: str) -> Drawn:
 
 def over_second_wall(ctx: Context, axis: str) -> Drawn:
     """Over the distance to the second wall."""
-    return over_wall("distance to the second wall [m]", ctx.state.second_d_m, ctx.state.second_bearing_rad, axis)
+    return over_wall(
+        "distance to the second wall [m]", ctx.state.second_d_m, ctx.state.second_bearing_rad, axis
+    )
 
 
 def fan_mean(distance: Array) -> Array:
     """Mean over the fans (n,) of distances (n, fans); NaN where nothing is seen."""
     known = np.where(np.isfinite(distance), distance, np.nan)
-    total, count = np.nansum(known, axis=-1), np.isfinite(known).sum(axis=-1)
+    total = np.nansum(known, axis=-1)
+    count = np.isfinite(known).sum(axis=-1)
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
@@ -93,6 +100,20 @@ def nearest(values: Array) -> float:
 def percent(share: float) -> str:
     """``9 %``, without sign."""
     return f"{abs(share) * 100.0:.2g} %" if abs(share) < 0.1 else f"{abs(share) * 100.0:.0f} %"
+
+
+def force_words(ctx: Context, newton: float) -> str:
+    """A force; without a known mass, as a share of the weight."""
+    if ctx.vehicle.mass_assumed:
+        return f"{percent(newton / ctx.weight)} of the weight"
+    return f"{newton:.2g} N"
+
+
+def mass_words(ctx: Context, kg: float) -> str:
+    """A mass; without a known mass of the vehicle, as a share of it."""
+    if ctx.vehicle.mass_assumed:
+        return f"{percent(kg / ctx.vehicle.mass_kg)} of the weight"
+    return f"{abs(kg):.2g} kg"
 
 
 def more(share: float, positive: str = "more", negative: str = "less") -> str:

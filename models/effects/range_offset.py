@@ -12,7 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, FlightUse, InFlight, Shape, Shown
+from models.effects.effect import (
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    InFlight,
+    Shape,
+    Shown,
+)
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
@@ -22,7 +31,9 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     assert ctx.model is not None
     state = replace(ctx.state, rpm=ctx.shared_rpm)
     moved = replace(state, h_m=np.maximum(state.h_m - shape[0], 0.0))
-    change = disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)
+    change = disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(
+        ctx.vehicle, ctx.model, state
+    )
     return (change / shape[0],)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
-from models.effects.pictures import mean, over_speed
+from models.effects.pictures import force_words, mean, over_speed
 from models.frames import Array
 
 
@@ -19,7 +19,8 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    return f"the drag of the rotors at 1 m/s is {p['drag'] * mean(ctx.mass_flow.sum(axis=-1)):.2g} N"
+    force = p["drag"] * mean(ctx.mass_flow.sum(axis=-1))
+    return f"the drag of the rotors at 1 m/s is {force_words(ctx, force)}"
 
 
 EFFECT = Effect(
@@ -35,7 +36,9 @@ EFFECT = Effect(
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
+    shapes=(
+        Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),
+    ),
     aliases=("body_drag", "wind"),
     chance=0.3,
     main=("drag",),

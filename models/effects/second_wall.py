@@ -10,16 +10,29 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
+from models.effects.effect import (
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    Shape,
+    Shown,
+    decay,
+    where_seen,
+)
 from models.effects.pictures import nearest, over_second_wall, percent
 from models.frames import Array
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     length = shape[0] * ctx.vehicle.rotor_radius_m
-    d, bearing = ctx.state.second_d_m, ctx.state.second_bearing_rad
+    d = ctx.state.second_d_m
+    bearing = ctx.state.second_bearing_rad
     size = ctx.shared_thrust * decay(d, length)
-    both = ctx.shared_thrust * decay(np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length)
+    both = ctx.shared_thrust * decay(
+        np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length
+    )
     return ctx.pull(size, bearing), ctx.tilt(size, bearing), ctx.lift(size), ctx.lift(-both)
 
 

@@ -6,40 +6,71 @@ Source: Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
+from models.effects.effect import (
+    NOT_FLOWN,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    Quantity,
+    Shape,
+    Shown,
+    through,
+)  # fmt: skip
+from models.effects.pictures import mass_words
 from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
+DIED_DOWN = 2.0
+"""Time constants of the swing that a flight has to last."""
+ROPES_M = (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     # What hangs is pulled down, not along the body; climbing, it is lifted as the vehicle is.
     down = ctx.state.rotation[..., 2, :]
     weight = np.zeros((*ctx.state.time_s.shape, 6))
-    weight[..., :3] = down * (down[..., 2] * ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg)[..., None]
+    weight[..., :3] = (
+        down * (down[..., 2] * ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg)[..., None]
+    )
     swing = np.zeros_like(weight)
     if ctx.record:
         w0 = np.sqrt(GRAVITY / shape[0])
         # The hook's acceleration from the velocity, not from the accelerometer, whose noise is in the residual.
         level = ctx.state.velocity_ned[:, :2]
-        pull = through(ctx, level, lambda w: -1j * w * w0**2 / (w0**2 - w**2 + 2j * DAMPING * w0 * w))
+        pull = through(
+            ctx, level, lambda w: -1j * w * w0**2 / (w0**2 - w**2 + 2j * DAMPING * w0 * w)
+        )
         swing[:, :3] = np.einsum("nji,nj->ni", ctx.state.rotation[:, :2], pull)
     # The rope pulls at a hook below the CG.
     hook = np.zeros_like(weight)
-    hook[..., 3], hook[..., 4] = -(weight + swing)[..., 1], (weight + swing)[..., 0]
+    hook[..., 3] = -(weight + swing)[..., 1]
+    hook[..., 4] = (weight + swing)[..., 0]
     return swing, weight, hook
 
 
 def _likely(ctx: Context) -> float:
-    return 0.15 * ctx.vehicle.mass_kg
+    return 0.1 * ctx.vehicle.mass_kg
 
 
-def _words(_: Context, p: Mapping[str, float]) -> str:
-    return f"a load of {abs(p['swinging']):.2f} kg swings on a rope of {p['rope_m']:.2f} m"
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    # How the load swung when the flight began is not known: that has to die down, exp(-DAMPING w0 t), to be no matter.
+    first, last = ctx.judged_s or (ctx.state.time_s[0], ctx.state.time_s[-1])
+    longest = GRAVITY * (DAMPING * (last - first) / DIED_DOWN) ** 2
+    return tuple((rope,) for rope in ROPES_M if rope <= longest)
+
+
+def _lacking(ctx: Context) -> str | None:
+    return None if _grid(ctx) else "the flight is too short for a swing to show"
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    load = mass_words(ctx, p["swinging"])
+    return f"a load of {load} swings on a rope of {p['length_m']:.2f} m"
 
 
 EFFECT = Effect(
@@ -51,15 +82,27 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
     coefficients=(
-        Coefficient("swinging", "kg", 0.0, 1e3, typical=_likely),
-        Coefficient("mass", "kg", 0.0, 1e3, typical=_likely),
+        Coefficient(
+            "swinging", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely
+        ),
+        Coefficient(
+            "mass", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely
+        ),
         Coefficient("hook", "kg m", -1e3, 1e3, typical=lambda ctx: 0.3 * ctx.lever),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("rope_m", "m", tried=(0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)),),
+    shapes=(Shape("rope_m", "m", tried=ROPES_M),),
+    grid=_grid,
+    lacking=_lacking,
     aliases=("payload",),
     in_flight=NOT_FLOWN,
     main=("swinging",),
     contains=("payload",),
-    shown=Shown(in_words=_words),
+    shown=Shown(
+        in_words=_words,
+        quantities=(
+            Quantity(instead_of="mass", name="mass_kg", unit="kg"),
+            Quantity(instead_of="rope_m", name="length_m", unit="m"),
+        ),
+    ),
 )

@@ -28,15 +28,20 @@ SEEN_S = 0.5
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
-    bearing, declared = ctx.state.wall_bearing_rad, _declared(ctx)
-    near = np.moveaxis(_weights(ctx) * ctx.shared_thrust[..., None], -1, 0)
+    bearing = ctx.state.wall_bearing_rad
+    declared = _declared(ctx)
+    near = _weights(ctx) * ctx.shared_thrust[..., None]
     made: dict[str, Callable[[Array], Array]] = {
         "lift": ctx.lift,
         "pull": partial(ctx.pull, bearing=bearing),
         "tilt": partial(ctx.tilt, bearing=bearing),
     }
     gains = [ctx.corners(declared * COMPONENTS[part], bearing) for part in PARTS]
-    return (*gains, *(made[part](near[k]) for part, k in CELLS))
+    fans = near.shape[-2]
+    # A newton at every fan in turn, (fans, ..., 6): a cell's wrench is a sum of these.
+    alone = np.eye(fans).reshape(fans, *(1,) * np.ndim(bearing), fans)
+    cells = {part: np.moveaxis(make(alone), 0, -1) @ near for part, make in made.items()}
+    return (*gains, *(cells[part][..., k] for part, k in CELLS))
 
 
 def _weights(ctx: Context) -> Array:
@@ -62,7 +67,9 @@ def _mixing(shape: tuple[float, ...]) -> Array:
     for part, spread in zip(PARTS, shape, strict=True):
         index = np.array([i for i, (p, _) in enumerate(CELLS) if p == part])
         factor = prior_factor(MEASURED, spread * SD[part], part != "lift")
-        out[np.ix_(first + index, first + index)] = factor[[CELLS[i][1] for i in index], : len(index)]
+        out[np.ix_(first + index, first + index)] = factor[
+            [CELLS[i][1] for i in index], : len(index)
+        ]
     return out
 
 
@@ -71,7 +78,9 @@ def _seen(flights: Sequence[Context]) -> dict[str, float]:
     for ctx in flights:
         step = float(np.median(np.diff(ctx.state.time_s)))
         seconds += step * _weights(ctx).mean(axis=1).sum(axis=0)
-    return {cell_name("seen", k): round(min(s / SEEN_S, 1.0), 3) for k, s in enumerate(seconds.tolist())}
+    return {
+        cell_name("seen", k): round(min(s / SEEN_S, 1.0), 3) for k, s in enumerate(seconds.tolist())
+    }
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -81,15 +90,18 @@ def _lacking(ctx: Context) -> str | None:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    radius, parts = ctx.vehicle.rotor_radius_m, []
-    h, d = nearest(ctx.state.h_m), nearest(ctx.state.d_m)
+    radius = ctx.vehicle.rotor_radius_m
+    parts = []
+    h = nearest(ctx.state.h_m)
+    d = nearest(ctx.state.d_m)
 
     def at(part: str, height: float, gap: float) -> tuple[float, float]:
         """Declared and measured, as shares of the lift."""
         modelled = 0.0
         if ctx.model is not None:
             rpm = float(np.nanmedian(ctx.rpm))
-            near, far = ctx.model.wrench(height, gap, rpm), ctx.model.wrench(np.inf, np.inf, rpm)
+            near = ctx.model.wrench(height, gap, rpm)
+            far = ctx.model.wrench(np.inf, np.inf, rpm)
             modelled = float((near - far)[{"lift": 2, "pull": 0}[part]] / far[2])
         cells = MEASURED.cells(height / radius, gap / radius)
         beyond = sum(w * p.get(cell_name(part, k), 0.0) for k, w in cells)
@@ -97,7 +109,9 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
     if np.isfinite(h):
         was, found = at("lift", h, np.inf)
-        parts.append(f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the model {more(was)}")
+        parts.append(
+            f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the model {more(was)}"
+        )
     if np.isfinite(d):
         was, found = at("pull", np.inf, d)
         verb = "pulls" if found > 0.0 else "pushes"
@@ -112,18 +126,32 @@ EFFECT = Effect(
     equation="dF = sum g F_model + T m(h/R, d/R), a gain g and a map m each for lift, pull and tilt (times R)",
     sign="lift > 0: more lift; pull, tilt > 0: towards the wall",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
-    channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
+    channels=(
+        "range_down_m",
+        "range_right_m",
+        "range_left_m",
+        "range_forward_m",
+        "range_back_m",
+        "rpm_1",
+    ),
     excite="fly slowly to ground, wall and corner, at three heights and distances each",
     coefficients=tuple(
         Coefficient(name, "1", -math.inf, math.inf)
-        for name in (*(f"{part}_of_model" for part in PARTS), *(cell_name(part, k) for part, k in CELLS))
+        for name in (
+            *(f"{part}_of_model" for part in PARTS),
+            *(cell_name(part, k) for part, k in CELLS),
+        )
     ),
     wrenches=_wrenches,
     mixing=_mixing,
-    shapes=tuple(Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS),
+    shapes=tuple(
+        Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS
+    ),
     lacking=_lacking,
     in_flight=FlightUse(
-        InFlight.MODEL, coverage=_seen, covered=tuple(cell_name("seen", k) for k in range(MEASURED.size))
+        InFlight.MODEL,
+        coverage=_seen,
+        covered=tuple(cell_name("seen", k) for k in range(MEASURED.size)),
     ),
     remainder=True,
     exact=True,

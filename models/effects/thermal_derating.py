@@ -58,5 +58,7 @@ EFFECT = Effect(
     lacking=_lacking,
     contains=("thrust_scale",),
     aliases=("battery_sag",),
-    shown=Shown(lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis), _words),
+    shown=Shown(
+        lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis), _words
+    ),
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, Shown, where_thrust_is_flown
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -44,13 +44,14 @@ EFFECT = Effect(
     channels=("thrust_command", "servo_1", "rpm_1", "az_m_s2"),
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
     coefficients=(
-        Coefficient("slope", "1", _flattest, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)),
+        Coefficient(
+            "slope", "1", _flattest, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)
+        ),
         Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),
-    chance=lambda ctx: ctx.by_kind(0.02, 0.3),
+    chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.02, 0.3)),
     wrenches=_wrenches,
-    lacking=where_thrust_is_flown,
     aliases=("thrust_scale", "battery_sag"),
     shown=Shown(over_thrust, _words),
 )

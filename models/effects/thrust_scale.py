@@ -19,7 +19,10 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    return f"the rotors give {more(p['scale'])} thrust than declared ({abs(p['scale']) * ctx.weight:.2g} N in hover)"
+    said = f"the rotors give {more(p['scale'])} thrust than declared"
+    if ctx.vehicle.mass_assumed:
+        return said
+    return f"{said} ({abs(p['scale']) * ctx.weight:.2g} N in hover)"
 
 
 EFFECT = Effect(
@@ -30,7 +33,9 @@ EFFECT = Effect(
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
     # Outputs are declared by a hover of this vehicle, rotor speeds by a coefficient of a data sheet.
-    coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=lambda ctx: ctx.by_kind(0.15, 0.06)),),
+    coefficients=(
+        Coefficient("scale", "1", -0.6, 0.6, typical=lambda ctx: ctx.by_kind(0.15, 0.06)),
+    ),
     wrenches=_wrenches,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
     shown=Shown(over_thrust, _words),

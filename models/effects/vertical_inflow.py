@@ -6,11 +6,11 @@ Source: blade-element momentum theory in climb and in forward flight: Leishman 2
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Quantity, Shown
 from models.effects.pictures import mean, over, percent
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -31,6 +31,16 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     return loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east), gain
 
 
+def _by_tilt(direction: str) -> Callable[[Context, Mapping[str, Array]], Array]:
+    """Share of the lift that a tilt into the wind gives, by radian: the slope times the wind over the tip speed."""
+
+    def of(ctx: Context, p: Mapping[str, Array]) -> Array:
+        tip = mean(ctx.rpm) * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m
+        return p[direction] / max(tip, 1.0)
+
+    return of
+
+
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     tip = mean(ctx.rpm) * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m
     return f"a climb at 1 m/s takes {percent(p['slope'] / tip)} of the lift; sinking adds as much"
@@ -40,20 +50,37 @@ EFFECT = Effect(
     name="vertical_inflow",
     equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) - l rho A |v_xy|^2 per fan, w the wind, up "
     "along the rotor axis",
-    sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: slope times the wind",
+    sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: slope times the "
+    "wind, said as what a tilt of the thrust to that side gains of the lift (w c / Omega R)",
     axes=("Fz",),
     channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",
     coefficients=(
         Coefficient("slope", "1", 0.2, 20.0, typical=2.5, centre=4.0),
         Coefficient("turning", "1", -20.0, 20.0, typical=4.0, optional=True),
-        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True),
-        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True),
+        Coefficient(
+            "north", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True
+        ),
+        Coefficient(
+            "east", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True
+        ),
         Coefficient("level", "1", -0.2, 1.5, typical=0.2, centre=0.15, optional=True),
     ),
     main=("slope", "north", "east"),
     chance=0.3,
     wrenches=_wrenches,
     aliases=("range_offset",),
-    shown=Shown(lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis), _words),
+    shown=Shown(
+        lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis),
+        _words,
+        # The flight shows the slope times the wind, not the wind.
+        quantities=(
+            Quantity(
+                instead_of="north", name="lift_by_tilt_north", unit="1/rad", of=_by_tilt("north")
+            ),
+            Quantity(
+                instead_of="east", name="lift_by_tilt_east", unit="1/rad", of=_by_tilt("east")
+            ),
+        ),
+    ),
 )

@@ -10,7 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay, where_seen
+from models.effects.effect import (
+    Coefficient,
+    Context,
+    Effect,
+    FlightUse,
+    Shape,
+    Shown,
+    decay,
+    where_seen,
+)
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -25,7 +34,10 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     d = nearest(ctx.state.d_m)
     share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
     verb = "pulls" if share > 0.0 else "pushes"
-    return f"at {d:.2f} m the wall {verb} with {percent(share)} of the thrust ({abs(share) * ctx.weight:.2g} N)"
+    said = f"at {d:.2f} m the wall {verb} with {percent(share)} of the thrust"
+    if ctx.vehicle.mass_assumed:
+        return said
+    return f"{said} ({abs(share) * ctx.weight:.2g} N)"
 
 
 EFFECT = Effect(
@@ -35,7 +47,10 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
-    coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
+    coefficients=(
+        Coefficient("pull", "1", -1.0, 1.0, typical=0.08),
+        Coefficient("tilt", "1", -2.0, 2.0, typical=0.15),
+    ),
     wrenches=_wrenches,
     in_flight=FlightUse(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.4, 0.7, 1.1, 1.7)),),

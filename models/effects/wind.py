@@ -11,26 +11,78 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown
-from models.effects.pictures import compass, mean, over
+from models.effects.effect import (
+    AdoptedEffect,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Drawn,
+    Effect,
+    Quantity,
+    Shape,
+    Shown,
+)
+from models.effects.pictures import compass, force_words, mean, over
 from models.frames import Array
+
+LEAST_DRAG = 0.02
+"""Share of momentum theory's drag below which no rotor's is: by less, a force would be a storm."""
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    above, rotation, flow = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.rotation, ctx.mass_flow
+    above = shape[0] * ctx.vehicle.rotor_radius_m
+    rotation = ctx.state.rotation
+    flow = ctx.mass_flow
     north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
     return north, east, *ctx.own_drag(above)
 
 
-def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
-    """The wind by the vehicle's own drag, where that is clearly not momentum theory's, in which it is given."""
-    drag, low, high = found["own_motion"]
-    if low <= 0.0 or low <= 1.0 <= high:
+def _drag(ctx: Context, p: Mapping[str, Array]) -> Array:
+    """Of the vehicle over momentum theory's: what was found, and what its model has already."""
+    declared = 0.0
+    for one in getattr(ctx.model, "effects", ()):
+        declared += one.parameters.get(
+            {"wind": "own_motion", "rotor_drag": "drag"}.get(one.name, ""), 0.0
+        )
+    return np.asarray(np.maximum(p["own_motion"] + declared, LEAST_DRAG))
+
+
+def _north(ctx: Context, p: Mapping[str, Array]) -> Array:
+    return np.asarray(p["north"] / _drag(ctx, p))
+
+
+def _east(ctx: Context, p: Mapping[str, Array]) -> Array:
+    return np.asarray(p["east"] / _drag(ctx, p))
+
+
+def _drag_alone(p: Mapping[str, float]) -> AdoptedEffect:
+    """The drag on the own motion, which the next flight has in whatever wind."""
+    of_vehicle = {
+        "drag": p["own_motion"],
+        "turning": p["turning"],
+        "sinking": p.get("sinking", 0.0),
+        "above_radii": p["above_radii"],
+    }
+    return AdoptedEffect("rotor_drag", of_vehicle)
+
+
+def _log_weight(ctx: Context, p: Mapping[str, Array]) -> Array:
+    """The prior of the speed of the air, whatever the drag, over that of the force that the search has.
+
+    With w = f / k the density of (w, k) is k^2 that of (f, k); both w and f have the prior N(0, s^2).
+    """
+    spread = EFFECT.coefficients[0].spread(ctx)
+    force = p["north"] ** 2 + p["east"] ** 2
+    air = _north(ctx, p) ** 2 + _east(ctx, p) ** 2
+    return np.asarray((force - air) / (2.0 * spread**2) - 2.0 * np.log(_drag(ctx, p)))
+
+
+def _remark(determined: Mapping[str, bool]) -> str | None:
+    if determined["own_motion"]:
         return None
-    north, east = found["north"][0] / drag, found["east"][0] / drag
     return (
-        f"the vehicle's drag is {drag:.2g} of momentum theory's, in which `north` and `east` are given; with that "
-        f"drag the wind blows with {north:.2g} m/s to the north and {east:.2g} m/s to the east"
+        "how fast the wind blows hangs on the drag of the vehicle, which the flight does not say: usual drag is taken "
+        "(0.7, give or take 0.7, of momentum theory's), and the interval is wide"
     )
 
 
@@ -41,32 +93,57 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    # The force is known well; the speed behind it hangs on the vehicle's drag.
-    north, east = p["north"], p["east"]
-    force = mean(ctx.mass_flow.sum(axis=-1)) * np.hypot(north, east)
-    return f"the wind pushes with {force:.2g} N from the {compass(-north, -east)}"
+    north = p["north"]
+    east = p["east"]
+    speed = float(np.hypot(north, east))
+    drag = float(_drag(ctx, {"own_motion": np.array(p["own_motion"])}))
+    force = mean(ctx.mass_flow.sum(axis=-1)) * speed * drag
+    return f"wind of {speed:.2g} m/s from the {compass(-north, -east)} (it pushes with {force_words(ctx, force)})"
 
 
 EFFECT = Effect(
     name="wind",
     belongs_to=BelongsTo.WEATHER,
     equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
-    sign="north, east > 0: the air moves to the north, east",
+    sign="north, east > 0: the air moves to the north, east, with the speed w / k",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
     coefficients=(
         Coefficient("north", "m/s", -25.0, 25.0, typical=4.0),
         Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
-        Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7, belongs_to=BelongsTo.VEHICLE),
+        Coefficient(
+            "own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7, belongs_to=BelongsTo.VEHICLE
+        ),
         Coefficient("turning", "1", -6.0, 6.0, belongs_to=BelongsTo.VEHICLE),
-        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True, belongs_to=BelongsTo.VEHICLE),
+        Coefficient(
+            "sinking",
+            "1",
+            -1.0,
+            2.0,
+            typical=0.3,
+            centre=0.3,
+            optional=True,
+            belongs_to=BelongsTo.VEHICLE,
+        ),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
+    shapes=(
+        Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),
+    ),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
     chance=0.05,
     contains=("rotor_drag",),
-    shown=Shown(_drawn, _words, remark=_speed),
+    stays=_drag_alone,
+    shown=Shown(
+        _drawn,
+        _words,
+        quantities=(
+            Quantity(instead_of="north", name="north", unit="m/s", of=_north),
+            Quantity(instead_of="east", name="east", unit="m/s", of=_east),
+        ),
+        log_weight=_log_weight,
+        remark=_remark,
+    ),
 )

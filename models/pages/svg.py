@@ -15,12 +15,16 @@ import numpy as np
 
 from models.frames import Array
 
-WIDTH, HEIGHT = 400, 190
+WIDTH = 400
+HEIGHT = 190
 WIDE = 800
 """Width of the panels of a file."""
 STYLE = Path(__file__).with_name("plot.css").read_text("utf-8")
 """Colours of light and dark, and how a plot is drawn."""
-_LEFT, _RIGHT, _TOP, _BOTTOM = 56, 10, 22, 36
+_LEFT = 56
+_RIGHT = 10
+_TOP = 22
+_BOTTOM = 36
 _NAMES = 20
 """Height of the row of names above a file's panels."""
 _TICKS = 4
@@ -56,23 +60,39 @@ class Band:
 
 
 def figure(
-    title: str, lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band] = (), *, keyed: bool = True
+    title: str,
+    lines: Sequence[Line],
+    x_label: str,
+    y_label: str,
+    bands: Sequence[Band] = (),
+    *,
+    keyed: bool = True,
 ) -> str:
     """A plot with its title and, if ``keyed``, its colours above it, where they wrap as text does."""
-    caption = f"<figcaption><b>{escape(title)}</b>{keys(lines, bands) if keyed else ''}</figcaption>"
+    caption = (
+        f"<figcaption><b>{escape(title)}</b>{keys(lines, bands) if keyed else ''}</figcaption>"
+    )
     box = f'viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}"'
     return f"<figure>{caption}<svg {box}>{_panel(lines, x_label, y_label, bands, WIDTH)}</svg></figure>"
 
 
 def keys(lines: Sequence[Line], bands: Sequence[Band] = ()) -> str:
     """What the colours mean, once each."""
-    kinds = {line.label: line.kind for line in lines} | {band.label: f"band {band.kind}" for band in bands}
-    return "".join(f'<span class="key {kind}">{escape(label)}</span>' for label, kind in kinds.items() if label)
+    kinds = {line.label: line.kind for line in lines} | {
+        band.label: f"band {band.kind}" for band in bands
+    }
+    return "".join(
+        f'<span class="key {kind}">{escape(label)}</span>' for label, kind in kinds.items() if label
+    )
 
 
-def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, bands: Sequence[Band]) -> str:
+def picture(
+    title: str, panels: Mapping[str, Sequence[Line]], x_label: str, bands: Sequence[Band]
+) -> str:
     """Panels by the label of their y, below each other, as an SVG file with the names of its curves and bands."""
-    drawn, names, at = "", "", float(_LEFT)
+    drawn = ""
+    names = ""
+    at = float(_LEFT)
     for k, (y_label, lines) in enumerate(panels.items()):
         panel = _panel(lines, x_label, y_label, bands, WIDE)
         drawn += f'<g transform="translate(0,{_NAMES + k * HEIGHT})">{panel}</g>'
@@ -91,12 +111,16 @@ def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, band
     )
 
 
-def _panel(lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int) -> str:
+def _panel(
+    lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int
+) -> str:
     xs = _Scale(np.concatenate([line.x for line in lines]), _LEFT, width - _RIGHT)
     ends = [line.y + sign * line.error for line in lines for sign in (-1.0, 1.0)]
     ys = _Scale(np.concatenate([*ends, [0.0]]), HEIGHT - _BOTTOM, _TOP)
     shaded = "".join(_band(band, xs) for band in bands)
-    drawn = "".join(_dots(line, xs, ys) if line.points else _polyline(line, xs, ys) for line in lines)
+    drawn = "".join(
+        _dots(line, xs, ys) if line.points else _polyline(line, xs, ys) for line in lines
+    )
     return shaded + _frame(xs, ys, x_label, y_label) + drawn
 
 
@@ -105,8 +129,12 @@ class _Scale:
         known = values[np.isfinite(values)]
         low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
         if high - low < 1e-12:
-            low, high = low - 0.5, high + 0.5
-        self.low, self.high, self.start, self.end = low, high, start, end
+            low = low - 0.5
+            high = high + 0.5
+        self.low = low
+        self.high = high
+        self.start = start
+        self.end = end
 
     def __call__(self, value: Any) -> Any:
         """Place of a number, or places of an array."""
@@ -118,7 +146,9 @@ class _Scale:
         step = size * min((s for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * size >= raw), default=10.0)
         first = np.ceil(self.low / step - 1e-9)
         # Adding zero turns a minus zero into a plain one.
-        return [float(v) for v in np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step + 0.0]
+        return [
+            float(v) for v in np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step + 0.0
+        ]
 
 
 def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
@@ -130,13 +160,17 @@ def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
         x = min(xs(v), xs.end + _RIGHT - 2 - 0.5 * _CHARACTER * len(_tick(v)))
         out += f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{_tick(v)}</text>'
     middle = 0.5 * (_LEFT + xs.end + _RIGHT)
-    return out + f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>'
+    return (
+        out + f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>'
+    )
 
 
 def _tick(value: float) -> str:
     """A number that fits beside the axis."""
     text = f"{value:.4g}"
-    return text if len(text) <= _LONGEST else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    return (
+        text if len(text) <= _LONGEST else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    )
 
 
 def _band(band: Band, xs: _Scale) -> str:
@@ -148,7 +182,8 @@ def _band(band: Band, xs: _Scale) -> str:
 
 
 def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
-    px, py = xs(line.x), ys(line.y)
+    px = xs(line.x)
+    py = ys(line.y)
     good = np.isfinite(px) & np.isfinite(py)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     out = ""
@@ -163,6 +198,10 @@ def _dots(line: Line, xs: _Scale, ys: _Scale) -> str:
     places = (xs(line.x), ys(line.y), ys(line.y - line.error), ys(line.y + line.error))
     for x, y, low, high in zip(*places, strict=True):
         if np.isfinite(x + y + low):
-            bar = f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>' if low != high else ""
+            bar = (
+                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>'
+                if low != high
+                else ""
+            )
             out += f'<g class="dot {line.kind}">{bar}<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/></g>'
     return out

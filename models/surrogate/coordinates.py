@@ -38,10 +38,18 @@ class Coordinates:
         """Inputs (n, 3) and gates (n, 6) at flat arrays h, d, rpm (n,)."""
         th = unit(h, self.h_near, self.h_far)
         td = unit(d, self.d_near, self.d_far)
-        x = np.stack([1 - 2 * (1 - th) ** 2, 1 - 2 * (1 - td) ** 2, 2 * unit(rpm, self.rpm_low, self.rpm_high) - 1], -1)
+        x = np.stack(
+            [
+                1 - 2 * (1 - th) ** 2,
+                1 - 2 * (1 - td) ** 2,
+                2 * unit(rpm, self.rpm_low, self.rpm_high) - 1,
+            ],
+            -1,
+        )
         if self.rpm_high <= self.rpm_low:
             x[:, 2] = 0.0
-        near_h, near_d = (1 - th * th) ** 3, (1 - td * td) ** 3
+        near_h = (1 - th * th) ** 3
+        near_d = (1 - td * td) ** 3
         any_surface = 1 - (1 - near_h) * (1 - near_d)
         wall_only = near_d if self.axisymmetric else any_surface
         return x, np.where(HORIZONTAL, wall_only[:, None], any_surface[:, None])
@@ -62,7 +70,9 @@ def fit(data: DataSet, increments: Array, axisymmetric: bool) -> Coordinates:
     """
     h_near, h_far = _reach(data.h, data.d, increments)
     d_near, d_far = _reach(data.d, data.h, increments)
-    return Coordinates(h_near, h_far, d_near, d_far, float(data.rpm.min()), float(data.rpm.max()), axisymmetric)
+    return Coordinates(
+        h_near, h_far, d_near, d_far, float(data.rpm.min()), float(data.rpm.max()), axisymmetric
+    )
 
 
 def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, float]:
@@ -70,13 +80,16 @@ def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, flo
     finite = np.isfinite(distance)
     if not finite.any():
         return 0.0, 0.0
-    near, outer = float(distance[finite].min()), float(distance[finite].max())
+    near = float(distance[finite].min())
+    outer = float(distance[finite].max())
     alone = np.isinf(distance)
     if not alone.any():
         return near, BEYOND_DATA * outer
     excess = increments - _effect_of_other(other[alone], increments[alone], other)
     scale = np.abs(increments).max(axis=0)
-    size = np.sum((excess / np.where(scale > 0.0, scale, 1.0)) ** 2, axis=1) / max(np.count_nonzero(scale), 1)
+    size = np.sum((excess / np.where(scale > 0.0, scale, 1.0)) ** 2, axis=1) / max(
+        np.count_nonzero(scale), 1
+    )
     # RMS over all rows at a distance or beyond, for every distance in the data from the nearest outwards.
     places, index = np.unique(distance[finite], return_inverse=True)
     total = np.bincount(index, weights=size[finite])[::-1].cumsum()[::-1] + size[alone].sum()

@@ -10,7 +10,8 @@ from models.frames import Array
 
 # Nodes along each side of the table of trust: a cell is 1/64 of the range of the scaled distances.
 NODES = 65
-PER_UNIT, LAST_CELL = (NODES - 1) / 2.0, NODES - 2
+PER_UNIT = (NODES - 1) / 2.0
+LAST_CELL = NODES - 2
 # Trust is whole up to one typical gap of the data from the nearest row, and none at this many gaps.
 GAPS_TO_NOTHING = 3.0
 # Outside the rotor speeds of the data trust fades over this share of them; so below the nearest distances.
@@ -41,7 +42,9 @@ class Domain:
         )
         low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
         high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
-        return np.asarray(inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high)))
+        return np.asarray(
+            inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high))
+        )
 
 
 def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
@@ -69,12 +72,17 @@ def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
 
 def _nearest_seen(distance: Array, other: Array) -> float:
     """Nearest distance in the data; a surface that they never saw counts as seen only beyond the other's reach."""
-    finite, others = distance[np.isfinite(distance)], other[np.isfinite(other)]
+    finite = distance[np.isfinite(distance)]
+    others = other[np.isfinite(other)]
     return float(finite.min()) if finite.size else float(others.max()) if others.size else 0.0
 
 
 def _near(value: Array, near: float) -> Array:
-    return _share((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN)) if near > 0.0 else np.ones_like(value)
+    return (
+        _share((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+        if near > 0.0
+        else np.ones_like(value)
+    )
 
 
 def _share(value: Array) -> Array:

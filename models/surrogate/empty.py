@@ -21,7 +21,14 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
     """
     thrust = reference_thrust(vehicle, None)
     zero = (0.0,) * 6
-    law = FreeAir(float(thrust.mean()), REFERENCE_RPM, 0.0, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), zero, "vehicle file")
+    law = FreeAir(
+        float(thrust.mean()),
+        REFERENCE_RPM,
+        0.0,
+        (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+        zero,
+        "vehicle file",
+    )
     fan = identity(law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m)
     return FanSurrogate(
         law,

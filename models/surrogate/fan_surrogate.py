@@ -79,7 +79,9 @@ class FanSurrogate:
 
     def __post_init__(self) -> None:
         if "fan" not in self.info and any(e.name == "surface_law" for e in self.effects):
-            raise ModelError("surface_law needs the fan's radius; diagnose the logs again and save the model")
+            raise ModelError(
+                "surface_law needs the fan's radius; diagnose the logs again and save the model"
+            )
 
     @cached_property
     def _corrections(self) -> list[LawCorrection]:
@@ -89,14 +91,22 @@ class FanSurrogate:
     @cached_property
     def _scales(self) -> tuple[Array, Array, Array, Array]:
         """Share of the lift, gain and squared floor of the spread, and what a squared spread takes of trust; (6,)."""
-        law, c = self.free_air_law, self.calibration
+        law = self.free_air_law
+        c = self.calibration
         # Doubt is the mean over level forces, lift, tilting moments and torque of (spread / size of the increments)^2.
         # A component that symmetry keeps small is measured by the size of its group: its own size is mostly noise.
         size2 = np.bincount(_GROUP, np.asarray(c.size) ** 2)
         doubt = 1.0 / np.maximum(size2, 1e-24)[_GROUP] / len(size2)
-        return np.asarray(law.share), np.asarray(c.gain), np.maximum(c.floor, law.scatter) ** 2, doubt
+        return (
+            np.asarray(law.share),
+            np.asarray(c.gain),
+            np.maximum(c.floor, law.scatter) ** 2,
+            doubt,
+        )
 
-    def with_effects(self, effects: tuple[AdoptedEffect, ...], info: Mapping[str, Any] | None = None) -> FanSurrogate:
+    def with_effects(
+        self, effects: tuple[AdoptedEffect, ...], info: Mapping[str, Any] | None = None
+    ) -> FanSurrogate:
         """The same surrogate with these adopted effects, and ``info`` in place of its own where given."""
         return replace(self, effects=effects, info=self.info if info is None else info)
 
@@ -124,7 +134,9 @@ class FanSurrogate:
         n = math.prod(shape)
         # Adding zeros broadcasts as numpy's broadcast_to does, which keeps some memory of each call.
         h, d, rpm = ((a if a.shape == shape else a + np.zeros(shape)).ravel() for a in arrays)
-        wrench, sigma, trust = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+        wrench = np.empty((n, 6))
+        sigma = np.empty((n, 6))
+        trust = np.empty(n)
         for start in range(0, n, CHUNK):
             part = slice(start, start + CHUNK)
             wrench[part], sigma[part], trust[part] = self._batch(h[part], d[part], rpm[part])
@@ -134,7 +146,9 @@ class FanSurrogate:
 
     def _batch(self, h: Array, d: Array, rpm: Array) -> tuple[Array, Array, Array]:
         known = (h >= 0.0) & (d >= 0.0) & (rpm >= 0.0) & (rpm < np.inf)
-        h, d, rpm = np.where(known, h, np.inf), np.where(known, d, np.inf), np.where(known, rpm, 0.0)
+        h = np.where(known, h, np.inf)
+        d = np.where(known, d, np.inf)
+        rpm = np.where(known, rpm, 0.0)
         x, gate = self.coordinates.inputs(h, d, rpm)
         lift = self.free_air_law.lift(rpm)[:, None]
         mean, spread = self.regressor.predict(x)

@@ -44,7 +44,9 @@ class FreeAir:
         """Lift [N], shape of ``rpm``; 0 at rest, NaN for a negative speed."""
         speed = np.asarray(rpm, dtype=float) / self.rpm_ref
         with np.errstate(invalid="ignore"):
-            return np.where(speed < 0.0, np.nan, self.lift_n * np.abs(speed) ** (2.0 + self.exponent))
+            return np.where(
+                speed < 0.0, np.nan, self.lift_n * np.abs(speed) ** (2.0 + self.exponent)
+            )
 
     def wrench(self, rpm: ArrayLike) -> Array:
         """Wrench (..., 6) in free air, corner frame."""
@@ -54,7 +56,8 @@ class FreeAir:
 def fit(data: DataSet) -> FreeAir:
     """Fit the law on the free-air rows; without any, on the outermost rows, which then define 'far away'."""
     rows, origin = free_rows(data)
-    rpm, wrench = data.rpm[rows], data.wrench[rows]
+    rpm = data.rpm[rows]
+    wrench = data.wrench[rows]
     lift = wrench[:, 2]
     if np.any(lift <= 0.0):
         worst = int(np.argmin(lift))
@@ -63,7 +66,8 @@ def fit(data: DataSet) -> FreeAir:
             f"not {lift[worst]:g} N at {rpm[worst]:g} rpm"
         )
     rpm_ref = float(np.exp(np.mean(np.log(rpm))))
-    x, y = np.log(rpm / rpm_ref), np.log(lift / (rpm / rpm_ref) ** 2)
+    x = np.log(rpm / rpm_ref)
+    y = np.log(lift / (rpm / rpm_ref) ** 2)
     exponent = float(x @ y / (x @ x)) if np.ptp(rpm) > 1e-6 * rpm_ref else 0.0
     lift_n = float(np.exp(np.mean(y - exponent * x)))
     ratio = data.wrench / (lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent))[:, None]
@@ -71,7 +75,9 @@ def fit(data: DataSet) -> FreeAir:
     share[2] = 1.0
     share[HORIZONTAL & ~_standing(data, ratio)[0]] = 0.0
     scatter = np.sqrt(np.mean((ratio[rows] - share) ** 2, axis=0))
-    return FreeAir(lift_n, rpm_ref, exponent, tuple(share.tolist()), tuple(scatter.tolist()), origin)
+    return FreeAir(
+        lift_n, rpm_ref, exponent, tuple(share.tolist()), tuple(scatter.tolist()), origin
+    )
 
 
 def level(data: DataSet) -> DataSet:
@@ -92,7 +98,9 @@ def level(data: DataSet) -> DataSet:
 def _standing(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
     """Which horizontal components (6,) the fan has of itself, and the offset (6,) of those it has not."""
     alone = np.isinf(data.d)
-    mean, error = mean_over_places(ratio[alone], data.h[alone]) if alone.any() else (np.zeros(6), np.zeros(6))
+    mean, error = (
+        mean_over_places(ratio[alone], data.h[alone]) if alone.any() else (np.zeros(6), np.zeros(6))
+    )
     stands = HORIZONTAL & (np.abs(mean) > np.maximum(SIGNIFICANT * error, 1e-9))
     own = stands & (np.abs(mean) > ASYMMETRY_SHARE * np.abs(ratio).max(axis=0))
     return own, np.where(stands & ~own, mean, 0.0)
@@ -113,7 +121,11 @@ def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
         return free, "free-air rows"
     far = np.ones(len(data), dtype=bool)
     for distance in (data.h, data.d):
-        far &= distance >= OUTER_SHARE * distance.max() if np.isfinite(distance.max()) else np.isinf(distance)
+        far &= (
+            distance >= OUTER_SHARE * distance.max()
+            if np.isfinite(distance.max())
+            else np.isinf(distance)
+        )
     if not far.any():
         reach = np.hypot(np.minimum(data.h, 1e3), np.minimum(data.d, 1e3))
         far = reach >= OUTER_SHARE * reach.max()

@@ -55,7 +55,8 @@ class KrigingRegressor:
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, each (n, 6), at inputs (n, 3)."""
-        mean, spread = np.zeros((len(x), 6)), np.zeros((len(x), 6))
+        mean = np.zeros((len(x), 6))
+        spread = np.zeros((len(x), 6))
         for start in range(0, len(x), CHUNK):
             part = slice(start, start + CHUNK)
             for process in self.processes:
@@ -66,17 +67,25 @@ class KrigingRegressor:
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
-        return {f"{name}_{i}": value for i, p in enumerate(self.processes) for name, value in vars(p).items()}
+        return {
+            f"{name}_{i}": value
+            for i, p in enumerate(self.processes)
+            for name, value in vars(p).items()
+        }
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> KrigingRegressor:
         """Inverse of ``arrays``."""
         names = tuple(Process.__dataclass_fields__)
         count = sum(name.startswith("rows_") for name in arrays)
-        return cls(tuple(Process(**{name: arrays[f"{name}_{i}"] for name in names}) for i in range(count)))
+        return cls(
+            tuple(Process(**{name: arrays[f"{name}_{i}"] for name in names}) for i in range(count))
+        )
 
 
-def fit(x: Array, y: Array, gate: Array, locations: NDArray[np.intp], seed: int) -> KrigingRegressor:
+def fit(
+    x: Array, y: Array, gate: Array, locations: NDArray[np.intp], seed: int
+) -> KrigingRegressor:
     """Fit on increments y (n, 6) = gate (n, 6) x process(x); inputs x (n, 3) in [-1, 1], ``locations`` (n,) places.
 
     Length scales and nugget by maximum likelihood (scikit-learn) on one row each of part of the places, jointly for the
@@ -95,7 +104,12 @@ def fit(x: Array, y: Array, gate: Array, locations: NDArray[np.intp], seed: int)
 
 
 def _fit_process(
-    x: Array, y: Array, gate: Array, locations: NDArray[np.intp], columns: Array, rng: np.random.Generator
+    x: Array,
+    y: Array,
+    gate: Array,
+    locations: NDArray[np.intp],
+    columns: Array,
+    rng: np.random.Generator,
 ) -> Process:
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
@@ -109,9 +123,9 @@ def _fit_process(
     deviation = np.sqrt(weight @ target**2 / weight.sum())
     target = target / deviation
     noise = DATA_ACCURACY**2 / weight
-    kernel = ConstantKernel(1.0, (0.1, 1e4)) * RBF(np.array([0.5, 0.5, 2.0]), (0.1, 20.0)) + WhiteKernel(
-        1e-4, (1e-9, 1.0)
-    )
+    kernel = ConstantKernel(1.0, (0.1, 1e4)) * RBF(
+        np.array([0.5, 0.5, 2.0]), (0.1, 20.0)
+    ) + WhiteKernel(1e-4, (1e-9, 1.0))
     _, first = np.unique(locations[chosen], return_index=True)
     few = np.sort(first)[:ROWS_FOR_LENGTHS]
     with warnings.catch_warnings():
@@ -125,7 +139,8 @@ def _fit_process(
     covariance += nugget / variance * (locations[chosen, None] == locations[chosen])
     covariance[np.diag_indices_from(covariance)] += noise / variance
     root = np.linalg.inv(np.linalg.cholesky(covariance))
-    weights, prior = np.zeros((len(chosen), 6)), np.zeros(6)
+    weights = np.zeros((len(chosen), 6))
+    prior = np.zeros(6)
     weights[:, columns] = np.linalg.solve(covariance, target) * deviation
     prior[columns] = deviation * np.sqrt(variance)
     return Process(columns.astype(float), x[chosen], lengths, weights, prior, root)
@@ -133,6 +148,7 @@ def _fit_process(
 
 def _correlation(a: Array, b: Array, lengths: Array) -> Array:
     """exp(-|a - b|^2 / 2) over scaled inputs (m, 3) and (n, 3), shape (m, n)."""
-    a, b = a / lengths, b / lengths
+    a = a / lengths
+    b = b / lengths
     squared = (a * a).sum(1)[:, None] + (b * b).sum(1)[None, :] - 2.0 * a @ b.T
     return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))

@@ -22,11 +22,14 @@ class NetEnsemble:
     kind = "nets"
 
     def __init__(self, w1: Array, b1: Array, w2: Array, b2: Array) -> None:
-        self.w1, self.b1, self.w2, self.b2 = (np.ascontiguousarray(a, dtype=float) for a in (w1, b1, w2, b2))
+        self.w1, self.b1, self.w2, self.b2 = (
+            np.ascontiguousarray(a, dtype=float) for a in (w1, b1, w2, b2)
+        )
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread (standard deviation over members), each (n, 6), at inputs (n, n_in)."""
-        mean, spread = np.empty((len(x), 6)), np.empty((len(x), 6))
+        mean = np.empty((len(x), 6))
+        spread = np.empty((len(x), 6))
         for start in range(0, len(x), CHUNK):
             out = self.outputs(x[start : start + CHUNK])
             mean[start : start + CHUNK] = out.mean(axis=0)

@@ -33,7 +33,11 @@ class PolynomialRegressor:
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
-        return {"degree": np.array(float(self.degree)), "coefficients": self.coefficients, "residual": self.residual}
+        return {
+            "degree": np.array(float(self.degree)),
+            "coefficients": self.coefficients,
+            "residual": self.residual,
+        }
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> PolynomialRegressor:
@@ -53,6 +57,8 @@ def monomials(x: Array, degree: int) -> Array:
 def fit(x: Array, y: Array, gate: Array, degree: int) -> PolynomialRegressor:
     """Least squares of gate (n, 6) x polynomial(x) on the increments y (n, 6); inputs x (n, 3) in [-1, 1]."""
     basis = monomials(x, degree)
-    coefficients = np.stack([np.linalg.lstsq(basis * gate[:, [c]], y[:, c], rcond=None)[0] for c in range(6)], axis=1)
+    coefficients = np.stack(
+        [np.linalg.lstsq(basis * gate[:, [c]], y[:, c], rcond=None)[0] for c in range(6)], axis=1
+    )
     residual = np.sqrt(np.mean((gate * (basis @ coefficients) - y) ** 2, axis=0))
     return PolynomialRegressor(degree, coefficients, residual)

@@ -60,9 +60,13 @@ def save_model(directory: Path | str, model: FanSurrogate) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         (directory / "weights.npz").write_bytes(weights)
-        (directory / "model.json").write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+        (directory / "model.json").write_text(
+            json.dumps(manifest, indent=1) + "\n", encoding="utf-8"
+        )
     except OSError as error:
-        raise ModelError(f"model directory {directory}: cannot be written ({error.strerror})") from None
+        raise ModelError(
+            f"model directory {directory}: cannot be written ({error.strerror})"
+        ) from None
 
 
 def load(directory: Path | str | None = None) -> FanSurrogate:
@@ -76,11 +80,14 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
     with _named(path):
         manifest = json.loads(path.read_text(encoding="utf-8"))
         _check_schema(manifest)
-        weights, sha256 = directory / str(manifest["weights"]["file"]), manifest["weights"]["sha256"]
+        weights = directory / str(manifest["weights"]["file"])
+        sha256 = manifest["weights"]["sha256"]
     with _named(weights):
         raw = weights.read_bytes()
         if hashlib.sha256(raw).hexdigest() != sha256:
-            raise ModelError("does not have the hash that model.json declares; train the model again")
+            raise ModelError(
+                "does not have the hash that model.json declares; train the model again"
+            )
         with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
             arrays = dict(archive)
     with _named(path):
@@ -102,7 +109,9 @@ def _named(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        what = f"cannot be read ({error.strerror}); give a directory that 'models train --out' wrote"
+        what = (
+            f"cannot be read ({error.strerror}); give a directory that 'models train --out' wrote"
+        )
     except KeyError as error:
         what = f"{error} is missing or not known; train the model again"
     except (TypeError, ValueError, AttributeError, EOFError, zipfile.BadZipFile) as error:
@@ -117,7 +126,9 @@ def _named(path: Path) -> Iterator[None]:
 def _place(directory: Path) -> Path:
     """The directory itself, or the shipped model of that name where there is no such directory."""
     shipped = SHIPPED / directory.name
-    by_name = len(directory.parts) == 1 and not directory.exists() and (shipped / "model.json").exists()
+    by_name = (
+        len(directory.parts) == 1 and not directory.exists() and (shipped / "model.json").exists()
+    )
     return shipped if by_name else directory
 
 
@@ -131,7 +142,9 @@ def _check_schema(manifest: Mapping[str, Any]) -> None:
     if found != SCHEMA:
         raise ModelError(f"schema is {found!r}, this program reads {SCHEMA}; train the model again")
     if manifest.get("units") != UNITS or manifest.get("frame") != FRAME:
-        raise ModelError(f"units or frame are not {UNITS} in the corner frame; train the model again")
+        raise ModelError(
+            f"units or frame are not {UNITS} in the corner frame; train the model again"
+        )
 
 
 def _tuples(section: Mapping[str, Any]) -> dict[str, Any]:

@@ -42,7 +42,8 @@ def calibrate(sets: Sequence[HeldOut], increments: Array) -> Calibration:
     Of all pairs with which 1.96 sigma covers every one of ``sets`` to its level, the pair with the narrowest sigma, in
     the mean logarithm. ``increments`` (m, 6) give the size against which spread counts.
     """
-    gains, floors = np.empty(6), np.empty(6)
+    gains = np.empty(6)
+    floors = np.empty(6)
     size = np.sqrt(np.mean(increments**2, axis=0))
     for c in range(6):
         spread2 = [(GAINS[:, None] * s.spread[:, c]) ** 2 for s in sets]
@@ -52,5 +53,6 @@ def calibrate(sets: Sequence[HeldOut], increments: Array) -> Calibration:
             floor2 = np.maximum(floor2, np.quantile(needed, s.level, axis=1, method="higher"))
         width = np.mean([np.log(known + floor2[:, None]).mean(axis=1) for known in spread2], axis=0)
         k = int(np.argmin(width))
-        gains[c], floors[c] = GAINS[k], math.sqrt(floor2[k])
+        gains[c] = GAINS[k]
+        floors[c] = math.sqrt(floor2[k])
     return Calibration(tuple(gains.tolist()), tuple(floors.tolist()), tuple(size.tolist()))

@@ -52,7 +52,12 @@ class Comparison:
 
 
 def compare(
-    data: DataSet, seed: int = 0, *, splits: int = 20, epochs: int = 1000, progress: train.Progress = train.silent
+    data: DataSet,
+    seed: int = 0,
+    *,
+    splits: int = 20,
+    epochs: int = 1000,
+    progress: train.Progress = train.silent,
 ) -> Comparison:
     """Train every method on ``splits`` random 8:2 splits and with regions left out.
 
@@ -67,7 +72,9 @@ def compare(
     data = data.take(train.drawn(len(data), MAX_ROWS, rng))
     live = train.frame(data).live
     if not live.any():
-        raise ModelError(f"data set {data.source}: no component depends on the place beyond noise; nothing to compare")
+        raise ModelError(
+            f"data set {data.source}: no component depends on the place beyond noise; nothing to compare"
+        )
     notes += train.constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
     answers: dict[str, list[Array]] = {}
@@ -106,14 +113,18 @@ def _task(data: DataSet, live: Mask, name: str, kind: str, test: Mask) -> Task:
     x, gate = learnt.coordinates.inputs(data.h, data.d, data.rpm)
     y = np.where(live, train.increments(data.wrench, data.rpm, law), 0.0)
     weight = train.weights(data, law)
-    problem = train.Problem(law, learnt.coordinates, x, gate, y, learnt.scale, data.locations, live, weight)
+    problem = train.Problem(
+        law, learnt.coordinates, x, gate, y, learnt.scale, data.locations, live, weight
+    )
     return Task(name, kind, test, problem)
 
 
 def regions(data: DataSet) -> dict[str, Mask]:
     """Rows left out together: edges to extrapolate to, and a block to bridge; only those that leave enough to learn."""
-    h, d = data.h, data.d
-    fh, fd = h[np.isfinite(h)], d[np.isfinite(d)]
+    h = data.h
+    d = data.d
+    fh = h[np.isfinite(h)]
+    fd = d[np.isfinite(d)]
     out: dict[str, Mask] = {}
     if fh.size:
         out["nearest heights"] = h <= np.quantile(fh, 0.12)
@@ -130,7 +141,9 @@ def _fit(method: str, task: Task, epochs: int, rng: np.random.Generator) -> Regr
     """Trained on the task's learnt rows; of the paper's methods one net for each component."""
     learnt = task.problem.take(np.flatnonzero(~task.test))
     if method in train.PAPER_METHODS:
-        return train.paper_nets(learnt, np.ones((1, len(learnt)), dtype=bool), method, rng, epochs, ADAM_RATE)
+        return train.paper_nets(
+            learnt, np.ones((1, len(learnt)), dtype=bool), method, rng, epochs, ADAM_RATE
+        )
     return train.trainer(learnt, method, rng)(learnt)
 
 
@@ -141,14 +154,20 @@ def _r2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]
         for part, tested in (("train", False), ("test", True)):
             scores = np.array(
                 [
-                    train.r_squared(task.problem.y[task.test == tested], answer[task.test == tested])
+                    train.r_squared(
+                        task.problem.y[task.test == tested], answer[task.test == tested]
+                    )
                     for task, answer in zip(tasks, answers[method], strict=True)
                     if task.kind == "split"
                 ]
             )
-            mean, sd = scores.mean(axis=0), spread(scores)
+            mean = scores.mean(axis=0)
+            sd = spread(scores)
             for c, axis in enumerate(AXES):
-                out[method][axis] |= {part: train.defined(mean[c]), f"{part}_sd": train.defined(sd[c])}
+                out[method][axis] |= {
+                    part: train.defined(mean[c]),
+                    f"{part}_sd": train.defined(sd[c]),
+                }
     return out
 
 
@@ -169,7 +188,12 @@ def _regions(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str,
         out[task.name] = {
             "rows": int(task.test.sum()),
             "relative_error": {
-                m: float(np.mean(np.sqrt(np.mean((answers[m][k][task.test] - y) ** 2, axis=0))[live] / size[live]))
+                m: float(
+                    np.mean(
+                        np.sqrt(np.mean((answers[m][k][task.test] - y) ** 2, axis=0))[live]
+                        / size[live]
+                    )
+                )
                 for m in train.METHODS
             },
         }
@@ -182,7 +206,8 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
     Among equals (within one standard deviation over the splits) it is the one with the smallest error where whole
     regions were left out, because a vehicle flies between and beyond the data.
     """
-    scores, regions = numbers["r2"], numbers["regions"].values()
+    scores = numbers["r2"]
+    regions = numbers["regions"].values()
     live = [axis for axis in AXES if next(iter(scores.values()))[axis]["test"] is not None]
     mean = {m: float(np.mean([row[a]["test"] for a in live])) for m, row in scores.items()}
     best = max(mean, key=lambda m: mean[m])
@@ -202,7 +227,8 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
 
 def text(numbers: Mapping[str, Any]) -> str:
     """The tables in Markdown."""
-    scores, regions = numbers["r2"], numbers["regions"]
+    scores = numbers["r2"]
+    regions = numbers["regions"]
     lines = [
         f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed {numbers['seed']}, "
         f"{numbers['splits']} splits by place, {numbers['epochs']} epochs, {numbers['seconds']} s",
@@ -212,13 +238,18 @@ def text(numbers: Mapping[str, Any]) -> str:
         "",
         "Held-out R^2 of the increments, mean +- sd over splits, nothing chosen on test rows.",
         "",
-        *_rows(tuple(scores), {axis: [_mean_sd(row[axis]) for row in scores.values()] for axis in AXES}),
+        *_rows(
+            tuple(scores), {axis: [_mean_sd(row[axis]) for row in scores.values()] for axis in AXES}
+        ),
         "",
         "Regions left out whole: error over the increments' RMS there (1 = as bad as no model).",
         "",
         *_rows(
             ("rows", *scores),
-            {n: [str(r["rows"]), *(f"{r['relative_error'][m]:.3f}" for m in scores)] for n, r in regions.items()},
+            {
+                n: [str(r["rows"]), *(f"{r['relative_error'][m]:.3f}" for m in scores)]
+                for n, r in regions.items()
+            },
         ),
     ]
     return "\n".join(lines)
@@ -227,11 +258,17 @@ def text(numbers: Mapping[str, Any]) -> str:
 def _mean_sd(cell: Mapping[str, Any]) -> str:
     if cell["test"] is None:
         return "constant"
-    return f"{cell['test']:.4f}" + (f" +- {cell['test_sd']:.4f}" if cell["test_sd"] is not None else "")
+    return f"{cell['test']:.4f}" + (
+        f" +- {cell['test_sd']:.4f}" if cell["test_sd"] is not None else ""
+    )
 
 
 def _rows(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> list[str]:
-    lines = [("", *head), ("---",) * (len(head) + 1), *((name, *cells) for name, cells in rows.items())]
+    lines = [
+        ("", *head),
+        ("---",) * (len(head) + 1),
+        *((name, *cells) for name, cells in rows.items()),
+    ]
     return ["| " + " | ".join(line) + " |" for line in lines]
 
 
@@ -250,7 +287,8 @@ def write_page(directory: Path, result: Comparison, command: str) -> Path:
 
 def _held_out(result: Comparison, method: str) -> str:
     """Increments of a method over those of the data, on the held-out rows of the first split; on the line: equal."""
-    task, answer = result.tasks[0], result.answers[method][0][result.tasks[0].test]
+    task = result.tasks[0]
+    answer = result.answers[method][0][result.tasks[0].test]
     data = task.problem.y[task.test]
     lines = [
         Line(data[:, k], answer[:, k], kind, axis, points=True)
@@ -258,4 +296,9 @@ def _held_out(result: Comparison, method: str) -> str:
         if axis in result.numbers["live"]
     ]
     shown = np.array([data.min(), data.max()])
-    return figure(f"{method}, held out", [*lines, Line(shown, shown, "d")], "increment, data", "increment, surrogate")
+    return figure(
+        f"{method}, held out",
+        [*lines, Line(shown, shown, "d")],
+        "increment, data",
+        "increment, surrogate",
+    )

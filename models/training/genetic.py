@@ -59,7 +59,8 @@ def crossover(parents: Genes, share: float, rng: np.random.Generator) -> Genes:
     """
     children = parents.copy()
     pairs = parents.shape[1] // 2
-    first, second = parents[:, 0 : 2 * pairs : 2], parents[:, 1 : 2 * pairs : 2]
+    first = parents[:, 0 : 2 * pairs : 2]
+    second = parents[:, 1 : 2 * pairs : 2]
     mix = rng.random(first.shape, dtype=np.float32)
     mix *= (rng.random(first.shape[:2]) < share)[..., None]
     exchange = mix * (second - first)
@@ -70,7 +71,8 @@ def crossover(parents: Genes, share: float, rng: np.random.Generator) -> Genes:
 
 def mutation_probability(f: Array, settings: Settings) -> Array:
     """K (runs, pop), eq. 16: m1 (f_max - f)/(f_max - f_avg) for f >= f_avg, else m2; the fitter the less."""
-    top, average = f.max(axis=1, keepdims=True), f.mean(axis=1, keepdims=True)
+    top = f.max(axis=1, keepdims=True)
+    average = f.mean(axis=1, keepdims=True)
     spread = top - average
     equal = spread < 1e-12 * np.maximum(top, 1e-300)
     k = np.where(f >= average, settings.m1 * (top - f) / np.where(equal, 1.0, spread), settings.m2)
@@ -78,13 +80,17 @@ def mutation_probability(f: Array, settings: Settings) -> Array:
     return out
 
 
-def mutate(genes: Genes, probability: Array, progress: float, settings: Settings, rng: np.random.Generator) -> Genes:
+def mutate(
+    genes: Genes, probability: Array, progress: float, settings: Settings, rng: np.random.Generator
+) -> Genes:
     """Non-uniform steps on genes chosen with K: normal, shrinking as (1 - progress)^2, clipped to the bounds.
 
     K of eq. 16 is spread over the chromosome's weights in fifths: 0.5 of all genes at once would be a new individual.
     """
     hit = np.flatnonzero(rng.random(genes.shape, dtype=np.float32) < (0.2 * probability)[..., None])
-    step = rng.standard_normal(len(hit), dtype=np.float32) * np.float32(settings.step * (1.0 - progress) ** 2)
+    step = rng.standard_normal(len(hit), dtype=np.float32) * np.float32(
+        settings.step * (1.0 - progress) ** 2
+    )
     mutants = genes.copy()
     mutants.ravel()[hit] = np.clip(mutants.ravel()[hit] + step, -settings.bound, settings.bound)
     return mutants
@@ -103,11 +109,14 @@ def evolve(
     The best so far replaces one individual of each new generation, so the error never grows.
     """
     s = settings or Settings()
-    population: Genes = rng.uniform(-s.first_bound, s.first_bound, (runs, s.population, genes)).astype(np.float32)
+    population: Genes = rng.uniform(
+        -s.first_bound, s.first_bound, (runs, s.population, genes)
+    ).astype(np.float32)
     every = np.arange(runs)
     mse = evaluate(population)
     leader = mse.argmin(axis=1)
-    best, best_mse = population[every, leader].copy(), mse[every, leader].copy()
+    best = population[every, leader].copy()
+    best_mse = mse[every, leader].copy()
     for generation in range(s.generations):
         chosen = select(fitness(mse), rng)
         children = crossover(population[every[:, None], chosen], s.crossover_share, rng)
@@ -117,6 +126,9 @@ def evolve(
         mse = evaluate(population)
         leader = mse.argmin(axis=1)
         better = mse[every, leader] < best_mse
-        best[better], best_mse[better] = population[every, leader][better], mse[every, leader][better]
+        best[better], best_mse[better] = (
+            population[every, leader][better],
+            mse[every, leader][better],
+        )
         tick(generation + 1, s.generations)
     return best.astype(float), best_mse

@@ -8,7 +8,8 @@ from scipy.optimize import least_squares
 from models.frames import Array
 
 # Most evaluations of one net, and the share of the cost below which a step ends it.
-EVALUATIONS, STANDSTILL = 300, 1e-4
+EVALUATIONS = 300
+STANDSTILL = 1e-4
 
 
 def train(
@@ -28,7 +29,9 @@ def train(
         return np.tanh(x1 @ theta[:split].reshape(n_in + 1, hidden))
 
     def residuals(theta: Array) -> Array:
-        return np.concatenate([gate * (inner(theta) @ theta[split:-1] + theta[-1]) - y, shrink @ theta])
+        return np.concatenate(
+            [gate * (inner(theta) @ theta[split:-1] + theta[-1]) - y, shrink @ theta]
+        )
 
     def jacobian(theta: Array) -> Array:
         z = inner(theta)
@@ -36,7 +39,9 @@ def train(
         by_w = (x1[:, :, None] * slope[:, None, :]).reshape(n, split)
         return np.concatenate([np.column_stack([by_w, z * gate[:, None], gate]), shrink])
 
-    theta = least_squares(residuals, start, jacobian, method="lm", ftol=STANDSTILL, max_nfev=EVALUATIONS).x
+    theta = least_squares(
+        residuals, start, jacobian, method="lm", ftol=STANDSTILL, max_nfev=EVALUATIONS
+    ).x
     return (
         theta[: split - hidden].reshape(n_in, hidden),
         theta[split - hidden : split],

@@ -27,7 +27,10 @@ def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> NDArra
     """
     if len(x) > ROWS:
         rows = np.sort(np.random.default_rng(0).choice(len(x), ROWS, replace=False))
-        x, y, gate, locations = x[rows], y[rows], gate[rows], locations[rows]
+        x = x[rows]
+        y = y[rows]
+        gate = gate[rows]
+        locations = locations[rows]
     _, place = np.unique(locations, return_inverse=True)
     fold = (np.random.default_rng(0).permutation(place.max() + 1) % FOLDS)[place]
     left = [_nearest(x, y, place), *(unexplained(x, y, gate, fold, degree) for degree in DEGREES)]
@@ -41,7 +44,8 @@ def unexplained(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree:
     """Sum of squared errors (6,) of a polynomial on the folds that it was not fitted on."""
     left = np.zeros(6)
     for k in range(FOLDS):
-        seen, unseen = fold != k, fold == k
+        seen = fold != k
+        unseen = fold == k
         fitted = polynomial.fit(x[seen], y[seen], gate[seen], degree)
         left += ((gate[unseen] * fitted.predict(x[unseen])[0] - y[unseen]) ** 2).sum(axis=0)
     return left

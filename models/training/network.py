@@ -17,7 +17,8 @@ from models.frames import Array
 
 INPUTS = 3
 # The paper gives no rates (a full batch each step): plain descent at one rate, Adam down to another on a cosine.
-DESCENT_RATE, LAST_ADAM_RATE = 0.05, 1e-4
+DESCENT_RATE = 0.05
+LAST_ADAM_RATE = 1e-4
 
 
 def genes(hidden: int) -> int:
@@ -38,14 +39,22 @@ class Batch:
     def of(cls, x: Array, gate: Array, y: Array, weight: Array) -> Batch:
         """From numpy, x (N or 1, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits."""
         torch.set_num_threads(1)
-        parts = (np.broadcast_to(x, (*y.shape, INPUTS)), gate, y, weight / weight.sum(axis=1, keepdims=True))
+        parts = (
+            np.broadcast_to(x, (*y.shape, INPUTS)),
+            gate,
+            y,
+            weight / weight.sum(axis=1, keepdims=True),
+        )
         return cls(*(torch.from_numpy(np.array(p, dtype=np.float32)) for p in parts))
 
 
 def errors(theta: Any, batch: Batch, hidden: int) -> Any:
     """Weighted mean squared error (eq. 11) of nets theta (N, genes), shape (N,)."""
     w1, b1, w2, b2 = unpack(theta, hidden)
-    y = torch.matmul(torch.tanh(torch.matmul(batch.x, w1) + b1[:, None]), w2[:, :, None])[..., 0] + b2[:, None]
+    y = (
+        torch.matmul(torch.tanh(torch.matmul(batch.x, w1) + b1[:, None]), w2[:, :, None])[..., 0]
+        + b2[:, None]
+    )
     return (batch.weight * (batch.gate * y - batch.y) ** 2).sum(dim=1)
 
 
@@ -77,9 +86,11 @@ def descend(
     """
     theta = torch.tensor(start, dtype=torch.float32, requires_grad=True)
     if adam_rate is None:
-        optimiser, last = torch.optim.SGD([theta], lr=DESCENT_RATE), DESCENT_RATE
+        optimiser = torch.optim.SGD([theta], lr=DESCENT_RATE)
+        last = DESCENT_RATE
     else:
-        optimiser, last = torch.optim.Adam([theta], lr=adam_rate), LAST_ADAM_RATE
+        optimiser = torch.optim.Adam([theta], lr=adam_rate)
+        last = LAST_ADAM_RATE
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(epochs, 1), eta_min=last)
     for t in range(1, epochs + 1):
         optimiser.zero_grad()
@@ -95,4 +106,9 @@ def unpack(theta: Any, hidden: int) -> tuple[Any, Any, Any, Any]:
     """Chromosomes (..., genes) as w1 (..., 3, hidden), b1 (..., hidden), w2 (..., hidden), b2 (...)."""
     cut = INPUTS * hidden
     w1 = theta[..., :cut].reshape((*theta.shape[:-1], INPUTS, hidden))
-    return w1, theta[..., cut : cut + hidden], theta[..., cut + hidden : cut + 2 * hidden], theta[..., -1]
+    return (
+        w1,
+        theta[..., cut : cut + hidden],
+        theta[..., cut + hidden : cut + 2 * hidden],
+        theta[..., -1],
+    )

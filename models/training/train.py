@@ -37,7 +37,8 @@ ADAM_RATE = 0.03
 # Weight decays to choose from: one within the first factor of the least error on unseen places is as good, beyond the
 # second weaker ones are not tried. The least keeps the normal equations regular, far below what smooths.
 DECAYS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-NEARLY, HOPELESS = 1.05, 1.5
+NEARLY = 1.05
+HOPELESS = 1.5
 # Folds on which each decay is tried: enough to rank decays that lie a factor of ten apart.
 TRIAL_FOLDS = 3
 # Calibration leaves out whole blocks of a grid of this many by this many over the distances.
@@ -81,7 +82,9 @@ class Problem:
 
     def take(self, index: Index) -> Problem:
         """The rows ``index``."""
-        rows = {name: getattr(self, name)[index] for name in ("x", "gate", "y", "locations", "weight")}
+        rows = {
+            name: getattr(self, name)[index] for name in ("x", "gate", "y", "locations", "weight")
+        }
         return replace(self, **rows)
 
 
@@ -116,7 +119,17 @@ def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
     coords = coordinates.fit(data, y, free_air.is_axisymmetric(law, live))
     x, gate = coords.inputs(data.h, data.d, data.rpm)
     size = np.abs(y).max(axis=0)
-    return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), locations, live, weights(data, law))
+    return Problem(
+        law,
+        coords,
+        x,
+        gate,
+        y,
+        np.where(size > 1e-9, size, 1.0),
+        locations,
+        live,
+        weights(data, law),
+    )
 
 
 def weights(data: DataSet, law: FreeAir) -> Array:
@@ -194,14 +207,27 @@ def train(
     if fan_radii_m is not None:
         info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
-    model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
-    found = {name: measure(model, rows, problem.live) for name, rows in (("train", part), ("test", data.take(test)))}
+    model = FanSurrogate(
+        problem.free_air, problem.coordinates, regressor, calibrated, where, info=info
+    )
+    found = {
+        name: measure(model, rows, problem.live)
+        for name, rows in (("train", part), ("test", data.take(test)))
+    }
     metrics = {
         **{name: measured["wrench"] for name, measured in found.items()},
-        **{key: {name: measured[key] for name, measured in found.items()} for key in ("increments", "coverage_95")},
+        **{
+            key: {name: measured[key] for name, measured in found.items()}
+            for key in ("increments", "coverage_95")
+        },
     }
     model.info = {**info, "metrics": metrics}
-    run = {"method": method, "seed": seed, "rows": len(data), "seconds": round(time.perf_counter() - start, 3)}
+    run = {
+        "method": method,
+        "seed": seed,
+        "rows": len(data),
+        "seconds": round(time.perf_counter() - start, 3),
+    }
     return Trained(model, {**run, **metrics, **choices, "notes": notes})
 
 
@@ -218,7 +244,9 @@ def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
     if data.sigma is not None:
         notes.append("rows are weighted by their sigma")
     if problem.free_air.origin != "free-air rows":
-        notes.append("no free-air rows (h and d both inf): the outermost rows are taken for free air")
+        notes.append(
+            "no free-air rows (h and d both inf): the outermost rows are taken for free air"
+        )
     return notes + constant_notes(problem.live)
 
 
@@ -244,9 +272,12 @@ def measure(model: FanSurrogate, data: DataSet, live: NDArray[np.bool_]) -> dict
     }
 
 
-def scores(truth: Array, answer: Array, live: NDArray[np.bool_]) -> dict[str, dict[str, float | None]]:
+def scores(
+    truth: Array, answer: Array, live: NDArray[np.bool_]
+) -> dict[str, dict[str, float | None]]:
     """``{"Fx": {"r2", "mse"}, ...}`` of (n, 6) against (n, 6); r2 None where undefined or the component is not live."""
-    r2, mse = np.where(live, r_squared(truth, answer), np.nan), np.mean((truth - answer) ** 2, axis=0)
+    r2 = np.where(live, r_squared(truth, answer), np.nan)
+    mse = np.mean((truth - answer) ** 2, axis=0)
     return {axis: {"r2": defined(r2[c]), "mse": float(mse[c])} for c, axis in enumerate(AXES)}
 
 
@@ -291,7 +322,9 @@ def _fit(
     again = trainer(problem, method, rng, fold, progress, choices)
     regressor: Regressor
     if method == "ensemble":
-        regressor = nets = levenberg_nets(problem, fold, rng, tuple(choices["decays"].values()), progress)
+        regressor = nets = levenberg_nets(
+            problem, fold, rng, tuple(choices["decays"].values()), progress
+        )
         scattered = _unseen_folds(problem, nets, fold)
     else:
         scattered = _unseen(problem, again, fold, rng, progress)
@@ -314,9 +347,13 @@ def trainer(
     """
     choices = {} if choices is None else choices
     if method == "kriging":
-        return lambda rows: kriging.fit(rows.x, rows.y, rows.gate, rows.locations, int(rng.integers(2**31)))
+        return lambda rows: kriging.fit(
+            rows.x, rows.y, rows.gate, rows.locations, int(rng.integers(2**31))
+        )
     if method == "polynomial":
-        degree = choices["degree"] = best_degree(problem, folds(problem, MEMBERS, rng) if fold is None else fold)
+        degree = choices["degree"] = best_degree(
+            problem, folds(problem, MEMBERS, rng) if fold is None else fold
+        )
         return lambda rows: polynomial.fit(rows.x, rows.y, rows.gate, degree)
     decays = choose_decays(problem, rng, progress)
     choices["decays"] = dict(zip(AXES, decays, strict=True))
@@ -342,8 +379,10 @@ def _unseen(
 ) -> HeldOut:
     """Errors and spread on each group of rows of regressors that learnt the other groups."""
     rows = drawn(len(problem), CALIBRATION_ROWS, rng)
-    problem, group = problem.take(rows), group[rows]
-    mean, spread = np.zeros((len(problem), 6)), np.zeros((len(problem), 6))
+    problem = problem.take(rows)
+    group = group[rows]
+    mean = np.zeros((len(problem), 6))
+    spread = np.zeros((len(problem), 6))
     groups = np.unique(group)
     for done, g in enumerate(groups if len(groups) > 1 else ()):
         unseen = group == g
@@ -362,7 +401,8 @@ def _unseen_folds(problem: Problem, nets: NetEnsemble, fold: Index) -> HeldOut:
 def _opened(problem: Problem, mean: Array, spread: Array) -> HeldOut:
     """``HeldOut`` of the rows whose gates are not closed: free air is met by construction and shows nothing."""
     rows = problem.gate.max(axis=1) > 0.0
-    gate, y = problem.gate[rows], problem.y[rows]
+    gate = problem.gate[rows]
+    y = problem.y[rows]
     return HeldOut(gate * mean[rows] - y, gate * spread[rows], problem.locations[rows])
 
 
@@ -376,24 +416,31 @@ def best_degree(problem: Problem, fold: Index) -> int:
     return min(polynomial.DEGREES, key=left)
 
 
-def choose_decays(problem: Problem, rng: np.random.Generator, progress: Progress = silent) -> tuple[float, ...]:
+def choose_decays(
+    problem: Problem, rng: np.random.Generator, progress: Progress = silent
+) -> tuple[float, ...]:
     """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
 
     Few and noisy data want a strong one, or 46 weights make waves between them.
     """
     problem = problem.take(drawn(len(problem), CALIBRATION_ROWS, rng))
-    fold, seed = folds(problem, MEMBERS, rng), int(rng.integers(2**31))
+    fold = folds(problem, MEMBERS, rng)
+    seed = int(rng.integers(2**31))
     out = [DECAYS[-1]] * 6
     for c in np.flatnonzero(problem.live).tolist():
         root = np.sqrt(problem.weight[:, c])
-        target, gate = root * problem.y[:, c] / problem.scale[c], root * problem.gate[:, c]
+        target = root * problem.y[:, c] / problem.scale[c]
+        gate = root * problem.gate[:, c]
         left = np.full(len(DECAYS), np.inf)
         for i, decay in enumerate(DECAYS):
             left[i] = 0.0
             start = np.random.default_rng(seed)
             for k in range(TRIAL_FOLDS):
-                seen, unseen = fold != k, fold == k
-                w1, b1, w2, b2 = levenberg.train(problem.x[seen], target[seen], gate[seen], HIDDEN, start, decay)
+                seen = fold != k
+                unseen = fold == k
+                w1, b1, w2, b2 = levenberg.train(
+                    problem.x[seen], target[seen], gate[seen], HIDDEN, start, decay
+                )
                 answer = gate[unseen] * (np.tanh(problem.x[unseen] @ w1 + b1) @ w2 + b2)
                 left[i] += float(np.sum((answer - target[unseen]) ** 2))
             progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
@@ -412,14 +459,19 @@ def levenberg_nets(
 ) -> NetEnsemble:
     """Nets by Levenberg-Marquardt with weight decay (6); member k has not seen fold k."""
     w1 = np.zeros((MEMBERS, 6, 3, HIDDEN))
-    b1, w2, b2 = np.zeros((MEMBERS, 6, HIDDEN)), np.zeros((MEMBERS, 6, HIDDEN)), np.zeros((MEMBERS, 6))
+    b1 = np.zeros((MEMBERS, 6, HIDDEN))
+    w2 = np.zeros((MEMBERS, 6, HIDDEN))
+    b2 = np.zeros((MEMBERS, 6))
     for k in range(MEMBERS):
         rows = fold != k
         x = problem.x[rows]
         for c in np.flatnonzero(problem.live).tolist():
             root = np.sqrt(problem.weight[rows, c])
-            target, gate = root * problem.y[rows, c] / problem.scale[c], root * problem.gate[rows, c]
-            w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, HIDDEN, rng, decays[c])
+            target = root * problem.y[rows, c] / problem.scale[c]
+            gate = root * problem.gate[rows, c]
+            w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(
+                x, target, gate, HIDDEN, rng, decays[c]
+            )
             progress("nets", 6 * k + c + 1, 6 * MEMBERS)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
 
@@ -436,18 +488,23 @@ def paper_nets(
     """Nets by one of the paper's methods, members and components in one batch; member k learns ``rows[k]`` (n,)."""
     from models.training import network
 
-    members, live = len(rows), np.flatnonzero(problem.live)
+    members = len(rows)
+    live = np.flatnonzero(problem.live)
     gate, y = (np.tile(a.T[live], (members, 1)) for a in (problem.gate, problem.y / problem.scale))
     weight = np.repeat(rows.astype(float), len(live), axis=0)
-    nets, size = len(y), network.genes(HIDDEN)
+    nets = len(y)
+    size = network.genes(HIDDEN)
     if method.startswith("ga-"):
         seen = np.sort(rng.choice(len(problem), min(len(problem), GA_ROWS), replace=False))
         small = network.Batch.of(problem.x[None, seen], gate[:, seen], y[:, seen], weight[:, seen])
         evaluate = partial(network.population_errors, batch=small, hidden=HIDDEN)
-        start, _ = genetic.evolve(evaluate, nets, size, rng, tick=partial(progress, "genetic algorithm"))
+        start, _ = genetic.evolve(
+            evaluate, nets, size, rng, tick=partial(progress, "genetic algorithm")
+        )
     else:
         start = rng.uniform(-1.0, 1.0, (nets, size))
-    batch, adam_rate = network.Batch.of(problem.x[None], gate, y, weight), rate if "adam" in method else None
+    batch = network.Batch.of(problem.x[None], gate, y, weight)
+    adam_rate = rate if "adam" in method else None
     theta = np.zeros((members, 6, size))
     theta[:, live] = network.descend(
         start, batch, HIDDEN, epochs, adam_rate=adam_rate, tick=partial(progress, "descent")

@@ -134,7 +134,9 @@ def class_of_text(texts: Iterable[str]) -> int | None:
     return next((found for found in classes if found is not None), None)
 
 
-def said_before_3_5(parameters: Mapping[str, float], texts: Iterable[str], count: int | None) -> SaidFrame | None:
+def said_before_3_5(
+    parameters: Mapping[str, float], texts: Iterable[str], count: int | None
+) -> SaidFrame | None:
     """What FRAME of ArduCopter before 3.5 says, for a vehicle of ``count`` motors; None without FRAME or a class."""
     if "FRAME" not in parameters:
         return None

@@ -47,11 +47,15 @@ def inertia(mass_kg: float, arm_m: float, motors: Sequence[Motor]) -> Vector3:
     Moments of inertia only matter for moments; forces do not need them.
     """
     point = _AT_ROTORS * mass_kg / len(motors)
-    body, radius, height = (1.0 - _AT_ROTORS) * mass_kg, _BODY_RADIUS * arm_m, _BODY_HEIGHT * arm_m
+    body = (1.0 - _AT_ROTORS) * mass_kg
+    radius = _BODY_RADIUS * arm_m
+    height = _BODY_HEIGHT * arm_m
     side = body * (radius**2 / 4.0 + height**2 / 12.0)
     xx = side + point * sum((m.right * arm_m) ** 2 for m in motors)
     yy = side + point * sum((m.forward * arm_m) ** 2 for m in motors)
-    zz = body * radius**2 / 2.0 + point * sum((m.right**2 + m.forward**2) * arm_m**2 for m in motors)
+    zz = body * radius**2 / 2.0 + point * sum(
+        (m.right**2 + m.forward**2) * arm_m**2 for m in motors
+    )
     return (_round(xx), _round(yy), _round(zz))
 
 
@@ -63,7 +67,8 @@ def throttle_output(parameters: Mapping[str, float], hover: float) -> tuple[floa
     """
     if "MOT_THST_EXPO" in parameters:
         expo = min(max(parameters["MOT_THST_EXPO"], 0.0), 1.0)
-        low, high = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+        low = parameters.get("MOT_SPIN_MIN", 0.15)
+        high = parameters.get("MOT_SPIN_MAX", 0.95)
         return expo, low + (high - low) * _inverse(expo, hover)
     factor = parameters.get("THR_MDL_FAC", 0.0)
     return (factor, _inverse(factor, hover)) if factor > 0.0 else (EXPO, hover)
@@ -86,7 +91,9 @@ def max_thrust(mass_kg: float, rotors: int, expo: float, output: float) -> float
     return _round(mass_kg * GRAVITY / rotors / ((1.0 - expo) * output + expo * output**2))
 
 
-def pwm_range(parameters: Mapping[str, float], output: int = 1, group: str = "") -> tuple[float, float, str]:
+def pwm_range(
+    parameters: Mapping[str, float], output: int = 1, group: str = ""
+) -> tuple[float, float, str]:
     """Outputs at zero and at full thrust, and the parameter that says the latter (empty: none does).
 
     MOT_PWM_MIN and MAX (0: RC3_MIN and MAX) of ArduPilot, whose DShot is logged as 1000 to 2000. On PX4 by ``group``:
@@ -144,7 +151,11 @@ class Guess:
 
 
 def typical_sizes(
-    mass_kg: float | None, radius_m: float | None, arm_m: float | None, motors: Sequence[Motor], hover_rpm: float | None
+    mass_kg: float | None,
+    radius_m: float | None,
+    arm_m: float | None,
+    motors: Sequence[Motor],
+    hover_rpm: float | None,
 ) -> dict[str, Guess]:
     """Mass, rotor radius R and arm by their keys in a vehicle file; what is None follows from the others.
 
@@ -172,12 +183,20 @@ def typical_sizes(
     if mass_kg is not None:
         mass = Guess(mass_kg)
     elif per_r4:
-        mass = _typical(per_r4 * radius.value**4 / GRAVITY, 1.3 * radius.spread**4, "typical for this rotor speed")
+        mass = _typical(
+            per_r4 * radius.value**4 / GRAVITY,
+            1.3 * radius.spread**4,
+            "typical for this rotor speed",
+        )
     else:
-        mass = _typical(per_r2 * radius.value**2 / GRAVITY, 2.0 * radius.spread**2, "typical for these rotors")
+        mass = _typical(
+            per_r2 * radius.value**2 / GRAVITY, 2.0 * radius.spread**2, "typical for these rotors"
+        )
     arm = Guess(arm_m or 0.0)
     if arm_m is None:
-        arm = _typical(2.0 * radius.value * _SPACING / apart, 1.4 * radius.spread, "typical for these rotors")
+        arm = _typical(
+            2.0 * radius.value * _SPACING / apart, 1.4 * radius.spread, "typical for these rotors"
+        )
     return {"mass_kg": mass, "rotor_radius_m": radius, "position_m": arm}
 
 

@@ -11,7 +11,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-CW, CCW = 1, -1
+CW = 1
+CCW = -1
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,9 @@ _ARDUPILOT_MOTORS = (*range(33, 41), *range(82, 86), *range(160, 180))
 _PX4_MOTORS = tuple(range(101, 113))
 """Output functions of motors 1 to 12."""
 _ARDUPILOT_OUTPUTS = 32
-MAIN, AUX, CAN = "MAIN", "AUX", "CAN"
+MAIN = "MAIN"
+AUX = "AUX"
+CAN = "CAN"
 _PX4_DRIVERS = (
     (MAIN, "PWM_MAIN_FUNC{}", 0),
     (AUX, "PWM_AUX_FUNC{}", 1),
@@ -72,7 +74,9 @@ def _px4(parameters: Mapping[str, float]) -> list[DeclaredMotors]:
     return out
 
 
-def _numbers(parameters: Mapping[str, float], pattern: str, motors: tuple[int, ...], first: int) -> dict[int, int]:
+def _numbers(
+    parameters: Mapping[str, float], pattern: str, motors: tuple[int, ...], first: int
+) -> dict[int, int]:
     """Motor to output, of the ``PORT_OUTPUTS`` outputs behind ``first``."""
     out = {}
     for output in range(1, PORT_OUTPUTS + 1):

@@ -58,7 +58,9 @@ def px4_rotors(parameters: Mapping[str, float]) -> Px4Rotors | None:
 def px4_motors(parameters: Mapping[str, float]) -> tuple[Frame, float] | None:
     """Motors of CA_ROTORn_*, places over the longest arm, and that arm's length [m]; None where PX4 says nothing."""
     count = int(parameters.get("CA_ROTOR_COUNT", 0))
-    places = [tuple(parameters.get(f"CA_ROTOR{k}_P{axis}", 0.0) for axis in "XYZ") for k in range(count)]
+    places = [
+        tuple(parameters.get(f"CA_ROTOR{k}_P{axis}", 0.0) for axis in "XYZ") for k in range(count)
+    ]
     arm = max((math.hypot(x, y) for x, y, _ in places), default=0.0)
     if arm <= 0.0:
         return None
@@ -98,7 +100,8 @@ def _same(motors: Frame, frame: Frame) -> bool:
 def _matches(own: Motor, other: Motor) -> bool:
     if (own.number, own.spin) != (other.number, other.spin):
         return False
-    arm, wanted = math.hypot(own.forward, own.right), math.hypot(other.forward, other.right)
+    arm = math.hypot(own.forward, own.right)
+    wanted = math.hypot(other.forward, other.right)
     apart = math.hypot(own.forward - other.forward, own.right - other.right)
     return apart <= _SAME_PLACE and abs(arm - wanted) <= _SAME_ARM
 
@@ -113,4 +116,6 @@ def said_by_autostart(parameters: Mapping[str, float]) -> SaidFrame | None:
     count = _COUNT_OF_RANGE.get(number // 1000)
     if count is None:
         return None
-    return SaidFrame(said=said, count=count, unsure=f"the places of airframe {number} are not known")
+    return SaidFrame(
+        said=said, count=count, unsure=f"the places of airframe {number} are not known"
+    )

@@ -8,10 +8,17 @@ from dataclasses import dataclass, field
 
 from models.vehicle import Fan, Rangefinder, Rotor, Throttle, Vehicle
 from models.vehicle_plausibility import target_of
-from models.vehicle_setup.estimate import OPEN_ROTOR_CT, inertia, max_thrust, pwm_range, throttle_output
+from models.vehicle_setup.estimate import (
+    OPEN_ROTOR_CT,
+    inertia,
+    max_thrust,
+    pwm_range,
+    throttle_output,
+)
 from models.vehicle_setup.motor_layouts import Motor
 
-COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
+COMMON_PROPELLERS = "0.4 to 0.9 for common propellers"
+USUAL_PULSES = "usual pulses, from 1000 us"
 _LOOKS_DOWN = 25
 
 
@@ -74,7 +81,9 @@ def _throttle(a: Answers, hover: float, said: dict[str, str]) -> Throttle:
     low, high, pwm = pwm_range(a.parameters, min(a.numbers.values()), a.group)
     said["pwm_max_us"] = pwm or USUAL_PULSES
     said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers"
-    said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS)
+    said["expo"] = next(
+        (n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS
+    )
     said["voltage_v"] = "of the battery in hover"
     return Throttle(
         max_thrust_n=max_thrust(a.mass_kg, len(a.motors), expo, output),
@@ -96,10 +105,18 @@ def places(motors: tuple[Motor, ...]) -> list[list[Motor]]:
 
 def _fan(a: Answers, motors: list[Motor]) -> Fan:
     """An open fan of the motors in one place."""
-    x, y, z = (round(v * a.arm_m, 4) for v in (motors[0].forward, motors[0].right, min(m.down for m in motors)))
+    x, y, z = (
+        round(v * a.arm_m, 4)
+        for v in (motors[0].forward, motors[0].right, min(m.down for m in motors))
+    )
     key = "esc" if a.telemetered else "servo"
     rotors = tuple(Rotor(m.spin, **{key: a.numbers[m.number]}) for m in motors)
-    return Fan((x, y, z), a.propeller_m / 2.0, rotors, OPEN_ROTOR_CT * len(motors) if a.telemetered else None)
+    return Fan(
+        (x, y, z),
+        a.propeller_m / 2.0,
+        rotors,
+        OPEN_ROTOR_CT * len(motors) if a.telemetered else None,
+    )
 
 
 def parameter_ranges(parameters: Mapping[str, float]) -> tuple[Rangefinder, ...]:

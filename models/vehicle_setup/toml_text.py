@@ -31,11 +31,14 @@ def vehicle_text(vehicle: Vehicle, origin: Mapping[str, str] | None = None, head
 
 def _keys(table: Any, said: Mapping[str, str]) -> list[str]:
     """A line for every field that is no table of its own and has to be given or is not its default."""
-    required, out = getattr(table, "REQUIRED", ()), []
+    required = getattr(table, "REQUIRED", ())
+    out = []
     for f in fields(table):
         value = getattr(table, f.name)
         if f.name not in _TABLES and (f.name in required or value != f.default):
-            out.append(f"{f.name} = {_value(value)}" + (f"  # {said[f.name]}" if f.name in said else ""))
+            out.append(
+                f"{f.name} = {_value(value)}" + (f"  # {said[f.name]}" if f.name in said else "")
+            )
     return out
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.changes.spread import LAWS, VarianceComponent, as_flown, usual
+from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
+from replay.search.estimates import DRAWS, IntervalEstimate, said
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Design, Library
-from replay.search.results import IntervalEstimate
 from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term
 from replay.search.walk import walk
@@ -71,7 +72,8 @@ def learn(records: Sequence[Record]) -> Baseline:
     effects = [_shared(e) for e in catalogue() if not e.remainder]
     walked = walk(records, effects)
     best = walked.best
-    found, explained = [], [np.zeros_like(r.residual) for r in records]
+    found = []
+    explained = [np.zeros_like(r.residual) for r in records]
     for t in (t for t in best.terms if t.effect is not None):
         for f in t.places:
             x, _ = walked.evidence.library.wrenches(t, f)
@@ -100,15 +102,23 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     last = len(flights) - 1
     shapes = {e.name: tuple(e.parameters[s.name] for s in get(e.name).shapes) for e in good.found}
     # A load counts as a change; the weather of a flight is in the spread.
-    common = [e for e in catalogue() if not e.remainder and (not e.belongs_to.of_day or e.name in shapes)]
+    common = [
+        e for e in catalogue() if not e.remainder and (not e.belongs_to.of_day or e.name in shapes)
+    ]
     same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
     parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]
     other = [_changed(e, e.name in shapes, today.context) for e in parts]
     spread = [[size.wrench(r) for size in good.sizes] for r in flights]
     evidence = Evidence(Library(flights, [*same, *other], spread))
     terms = evidence.library.terms
-    candidates = [i for i, t in enumerate(terms) if t.effect is not None and t.flight in (None, last)]
-    start = [t for t in terms if t.effect is not None and t.flight is None and t.shape == shapes.get(t.name)]
+    candidates = [
+        i for i, t in enumerate(terms) if t.effect is not None and t.flight in (None, last)
+    ]
+    start = [
+        t
+        for t in terms
+        if t.effect is not None and t.flight is None and t.shape == shapes.get(t.name)
+    ]
     return evidence, candidates, evidence.fit(start, evidence.unfitted())
 
 
@@ -134,8 +144,12 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tupl
     """A set with one term more, the last, and what that gains, for the most promising ones."""
     taken = {t.key for t in fit.terms}
     terms = evidence.library.terms
-    wanted = [i for i in candidates if terms[i].key not in taken and not _other_shape(terms[i], fit)]
-    grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in evidence.promising(fit, wanted)[:TRIED]]
+    wanted = [
+        i for i in candidates if terms[i].key not in taken and not _other_shape(terms[i], fit)
+    ]
+    grown = [
+        evidence.fit([*fit.terms, t], fit.noise) for _, t in evidence.promising(fit, wanted)[:TRIED]
+    ]
     return [
         (_log_odds(evidence, f, fit, f.terms[-1]), f)
         for f in grown
@@ -146,29 +160,55 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tupl
 def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Change]:
     """Changes of a set with their sizes, and what could stand in place of each."""
     out = []
-    for t in (t for t in fit.terms if t.flight is not None):
+    for t in fit.terms:
+        if t.flight is None:
+            continue
         less = evidence.fit([o for o in fit.terms if o is not t], fit.noise)
         log_odds = _log_odds(evidence, fit, less, t)
         if log_odds < SURE:
             continue
-        rivals = [(g, f.terms[-1]) for g, f in _grown(evidence, less, candidates) if f.terms[-1].key != t.key]
-        near = sorted(((g, r) for g, r in rivals if g > log_odds - NEAR and r.flight is not None), key=lambda p: -p[0])
+        rivals = [
+            (g, f.terms[-1])
+            for g, f in _grown(evidence, less, candidates)
+            if f.terms[-1].key != t.key
+        ]
+        near = sorted(
+            ((g, r) for g, r in rivals if g > log_odds - NEAR and r.flight is not None),
+            key=lambda p: -p[0],
+        )
         probability = min(1.0 / (1.0 + float(np.exp(-log_odds))), MOST_SURE)
-        change = Change(get(t.name), _estimates(fit, t), round(probability, 3), tuple(r.name for _, r in near))
+        sizes = _said(fit, t, evidence.library.records[t.flight].context)
+        change = Change(get(t.name), sizes, round(probability, 3), tuple(r.name for _, r in near))
         out.append((log_odds, change))
     return [change for _, change in sorted(out, key=lambda p: -p[0])]
+
+
+def _said(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...]:
+    """Sizes as people say them, by draws of every coefficient within its interval."""
+    fitted = _estimates(fit, term)
+    normal = np.random.default_rng(0).standard_normal((DRAWS, len(fitted)))
+    draws = {e.name: np.full(DRAWS, e.value) for e in fitted}
+    for i, e in enumerate(fitted):
+        if e.ci95 is not None:
+            draws[e.name] = e.value + normal[:, i] * (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+    return in_shares(said(term.named, context, fitted, draws), context.vehicle)
 
 
 def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
     """Coefficients with their 95 % intervals, then the shape."""
     assert term.flight is not None
-    part, place = fit.part(term), term.place(term.flight)
-    mean, sd = fit.sizes(term, term.flight), np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
+    part = fit.part(term)
+    place = term.place(term.flight)
+    mean = fit.sizes(term, term.flight)
+    sd = np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     out = [
         IntervalEstimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
         for c, m, s in zip(term.named.coefficients, mean, sd, strict=True)
     ]
-    out += [IntervalEstimate(s.name, v, (v, v), s.unit) for s, v in zip(term.named.shapes, term.shape, strict=True)]
+    out += [
+        IntervalEstimate(s.name, v, None, s.unit)
+        for s, v in zip(term.named.shapes, term.shape, strict=True)
+    ]
     return tuple(out)
 
 
@@ -178,7 +218,8 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
         return False
     main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    if all(e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
+    intervals = [e.ci95 for e in _estimates(fit, term) if e.name in main and e.ci95 is not None]
+    if all(low <= 0.0 <= high for low, high in intervals):
         return False
     u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
     return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())
@@ -189,7 +230,9 @@ def _shared(effect: Effect) -> Effect:
     if effect.belongs_to is BelongsTo.WEATHER:
         return effect
     own = [c.belongs_to if c.belongs_to is BelongsTo.WEATHER else None for c in effect.coefficients]
-    coefficients = tuple(replace(c, belongs_to=b) for c, b in zip(effect.coefficients, own, strict=True))
+    coefficients = tuple(
+        replace(c, belongs_to=b) for c, b in zip(effect.coefficients, own, strict=True)
+    )
     belongs_to = BelongsTo.VEHICLE if effect.belongs_to is BelongsTo.LOAD else effect.belongs_to
     return replace(_from_the_start(effect), belongs_to=belongs_to, coefficients=coefficients)
 
@@ -197,14 +240,21 @@ def _shared(effect: Effect) -> Effect:
 def _changed(effect: Effect, known: bool, today: Context) -> Effect:
     """An effect as a change of it on one flight: about zero where the vehicle had it before, and in both directions."""
     coefficients = tuple(
-        replace(c, low=-c.high, centre=0.0, belongs_to=None) if known else replace(c, belongs_to=None)
+        replace(c, low=-c.most(today), centre=0.0, belongs_to=None)
+        if known
+        else replace(c, belongs_to=None)
         for c in effect.coefficients
     )
 
     def lacking(ctx: Context) -> str | None:
         return effect.lacking(ctx) if ctx is today else "of another flight"
 
-    return replace(_from_the_start(effect), belongs_to=BelongsTo.LOAD, coefficients=coefficients, lacking=lacking)
+    return replace(
+        _from_the_start(effect),
+        belongs_to=BelongsTo.LOAD,
+        coefficients=coefficients,
+        lacking=lacking,
+    )
 
 
 def _from_the_start(effect: Effect) -> Effect:

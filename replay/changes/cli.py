@@ -18,10 +18,18 @@ def run(a: argparse.Namespace) -> int:
     refuse(a, ("save_model", "save_vehicle", "test"), why)
     logs, good = _flights(a)
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, [*good, *logs], given(a), a.target_system)
-    answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
+    answer = since(
+        logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a)
+    )
     faults = model_faults(answer.records, chosen)
-    content = answer.as_json() | {"log_faults": faults} | ({} if draft is None else {"vehicle": draft.as_json()})
-    write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
+    content = (
+        answer.as_json()
+        | {"log_faults": faults}
+        | ({} if draft is None else {"vehicle": draft.as_json()})
+    )
+    write_answer(
+        a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults)
+    )
     return 0
 
 
@@ -39,12 +47,17 @@ def _flights(a: argparse.Namespace) -> tuple[list[Path], list[Path]]:
                 raise ConfigError(f"{log}: is one of the good flights of --since; name another log")
         return list(a.logs), good
     if len(a.logs) > 1:
-        raise ConfigError(f"--since: give one folder alone, or name the logs, instead of {a.logs[0]} and others")
+        raise ConfigError(
+            f"--since: give one folder alone, or name the logs, instead of {a.logs[0]} and others"
+        )
     if len(a.since) != 1 or not a.since[0].isdecimal() or int(a.since[0]) < 1:
         raise ConfigError(
             f"--since {' '.join(a.since)}: with a folder, give the number of its first logs that are good"
         )
-    ordered, first = by_date(logs_in(a.logs[0])[0]), int(a.since[0])
+    ordered = by_date(logs_in(a.logs[0])[0])
+    first = int(a.since[0])
     if len(ordered) <= first:
-        raise ConfigError(f"--since {first}: {a.logs[0]} holds {len(ordered)} logs; at least one more is needed")
+        raise ConfigError(
+            f"--since {first}: {a.logs[0]} holds {len(ordered)} logs; at least one more is needed"
+        )
     return ordered[first:], ordered[:first]

@@ -41,7 +41,10 @@ class ChangeReport:
                 "logs": list(dict.fromkeys(str(r.path) for r, _ in self.flights)),
                 "good": list(dict.fromkeys(str(r.path) for r in self.good.records)),
                 "changed": [c.as_json() | {"since": c.since} for c in self.changed],
-                "flights": [{"log": r.name, "changed": [c.as_json() for c in own]} for r, own in self.flights],
+                "flights": [
+                    {"log": r.name, "changed": [c.as_json() for c in own]}
+                    for r, own in self.flights
+                ],
                 "notes": self.notes,
             }
         )
@@ -74,7 +77,9 @@ def since(
     notes = []
     ordered = by_date(logs)
     if ordered != list(logs):
-        notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
+        notes.append(
+            f"the logs were not given in order of their date: {ordered[0].name} is the first"
+        )
     records, more = read_records(progress(ordered), vehicle, model, target_system)
     flights = tuple((r, changes(as_it_was, r)) for r in records)
     stays = []
@@ -98,7 +103,10 @@ def page(answer: ChangeReport, vehicle: Vehicle, faults: Sequence[Mapping[str, s
         vehicle=vehicle,
         head="; ".join(findings) or "Nothing changed",
         verdict=f"{vehicle.name}, compared with the good flights {good}",
-        sentences=[*(f"{f['channel']}: {f['what']}" for f in faults), *answer.as_text().splitlines()],
+        sentences=[
+            *(f"{f['channel']}: {f['what']}" for f in faults),
+            *answer.as_text().splitlines(),
+        ],
         bad=bool(answer.changed or faults),
     )
 

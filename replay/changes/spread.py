@@ -47,7 +47,9 @@ class VarianceComponent:
         return regressors_of(self.effect, record, self.shape)[..., self.coefficient] * self.sd
 
 
-def usual(effects: Sequence[Effect], found: Sequence[AdoptedEffect], record: Record) -> list[VarianceComponent]:
+def usual(
+    effects: Sequence[Effect], found: Sequence[AdoptedEffect], record: Record
+) -> list[VarianceComponent]:
     """Sizes of all effects that every flight has something of, with their usual spread; the weather's is its prior.
 
     ``found``: gives the shapes; else every kind of an effect, or the first of what would be tried.
@@ -64,7 +66,11 @@ def usual(effects: Sequence[Effect], found: Sequence[AdoptedEffect], record: Rec
             grid = grid[:1]
         for shape in grid:
             for i, c in enumerate(effect.coefficients):
-                out.append(VarianceComponent(effect, shape, i, _share(effect, c) * c.spread(record.context)))
+                out.append(
+                    VarianceComponent(
+                        effect, shape, i, _share(effect, c) * c.spread(record.context)
+                    )
+                )
     return out
 
 
@@ -77,7 +83,9 @@ def _share(effect: Effect, coefficient: Coefficient) -> float:
     return USUAL_SHARE[effect.belongs_to if effect.belongs_to is BelongsTo.INSTRUMENT else own]
 
 
-def as_flown(sizes: Sequence[VarianceComponent], records: Sequence[Record]) -> list[VarianceComponent]:
+def as_flown(
+    sizes: Sequence[VarianceComponent], records: Sequence[Record]
+) -> list[VarianceComponent]:
     """Sizes with the spread that good flights, less what is known of the vehicle, have: one step of EM.
 
     The variance is the mean of the expected squares: Dempster, Laird & Rubin 1977, J. Royal Stat. Society B 39, 1.
@@ -88,4 +96,7 @@ def as_flown(sizes: Sequence[VarianceComponent], records: Sequence[Record]) -> l
         fit = evidence.fit([], evidence.unfitted())
         square += fit.b[-len(sizes) :] ** 2 + np.diag(fit.cov)[-len(sizes) :]
     factors = np.sqrt(square / (USUAL_FLIGHTS + len(records)))
-    return [replace(size, sd=size.sd * float(factor)) for size, factor in zip(sizes, factors, strict=True)]
+    return [
+        replace(size, sd=size.sd * float(factor))
+        for size, factor in zip(sizes, factors, strict=True)
+    ]

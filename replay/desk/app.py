@@ -35,9 +35,17 @@ class _Pages:
     """One function a page or button."""
 
     def __init__(self, desk: Desk, work: Work, most: int) -> None:
-        self._desk, self._work, self._most = desk, work, most
+        self._desk = desk
+        self._work = work
+        self._most = most
         self._templates = Jinja2Templates(_HERE / "templates")
-        known = {"style": PAGE_STYLE, "folder": desk.folder, "most": most, "suffixes": list(READERS), "step": work.step}
+        known = {
+            "style": PAGE_STYLE,
+            "folder": desk.folder,
+            "most": most,
+            "suffixes": list(READERS),
+            "step": work.step,
+        }
         self._templates.env.globals.update(known)
 
     def home(self, request: Request) -> Response:
@@ -51,7 +59,8 @@ class _Pages:
     def show(self, request: Request) -> Response:
         """The logs of a drop, the form, and the answers."""
         drop = self._drop(request)
-        asks, texts = drop.asks, {log.name: read_text(drop.info(log)) for log in drop.logs}
+        asks = drop.asks
+        texts = {log.name: read_text(drop.info(log)) for log in drop.logs}
         drafts = (part.get("vehicle") for ask in asks for part in (ask.answer, *ask.season))
         draft: dict[str, Any] = next(filter(None, drafts), {})
         facts = [*draft.get("known", ()), *draft.get("assumed", ())]
@@ -68,7 +77,8 @@ class _Pages:
     async def upload(self, request: Request) -> Response:
         """One log."""
         changed_s = request.query_params.get("changed_s", "")
-        name, chunks = request.path_params["name"], request.stream()
+        name = request.path_params["name"]
+        chunks = request.stream()
         log = await self._drop(request).receive(name, chunks, self._most, changed_s)
         return JSONResponse({"log": log.name}, 201)
 
@@ -95,7 +105,9 @@ class _Pages:
     async def cancel(self, request: Request) -> Response:
         """End one question."""
         drop = self._drop(request)
-        await self._work.cancel(Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"])))
+        await self._work.cancel(
+            Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"]))
+        )
         return _back(drop)
 
     async def remove(self, request: Request) -> Response:
@@ -136,7 +148,12 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
         Mount("/static", StaticFiles(directory=_HERE / "static")),
     ]
     handlers = {OSError: _no_room}
-    return Starlette(routes=routes, middleware=[Middleware(Guard)], exception_handlers=handlers, lifespan=lifespan)
+    return Starlette(
+        routes=routes,
+        middleware=[Middleware(Guard)],
+        exception_handlers=handlers,
+        lifespan=lifespan,
+    )
 
 
 def _back(drop: Drop) -> Response:
@@ -144,4 +161,6 @@ def _back(drop: Drop) -> Response:
 
 
 async def _no_room(_: Request, error: Exception) -> Response:
-    return PlainTextResponse(f"nothing more can be kept here: {getattr(error, 'strerror', error)}", 507)
+    return PlainTextResponse(
+        f"nothing more can be kept here: {getattr(error, 'strerror', error)}", 507
+    )

@@ -18,7 +18,10 @@ def add_parser(commands: Any) -> None:
     """Register ``serve`` with the subparsers of ``replay``."""
     said = "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of replay diagnose."
     p = commands.add_parser(
-        "serve", help="a page that diagnoses the logs dropped onto it", description=said, epilog=_EPILOG
+        "serve",
+        help="a page that diagnoses the logs dropped onto it",
+        description=said,
+        epilog=_EPILOG,
     )
     p.add_argument(
         "address", nargs="?", default=":8000", metavar="[HOST]:PORT",
@@ -41,17 +44,24 @@ def run(a: argparse.Namespace) -> int:
         from replay.desk.app import app
         from replay.desk.store import Desk
     except ModuleNotFoundError as error:
-        raise ConfigError(f"serve: needs the package {error.name}: pip install 'corner-compensator[serve]'") from None
+        raise ConfigError(
+            f"serve: needs the package {error.name}: pip install 'corner-compensator[serve]'"
+        ) from None
 
     desk = Desk.of(a.folder)
     try:
         listening = socket.create_server(address)
     except OSError as error:
-        raise ConfigError(f"{a.address}: cannot be served ({error.strerror}); name another") from None
+        raise ConfigError(
+            f"{a.address}: cannot be served ({error.strerror}); name another"
+        ) from None
     host, port = listening.getsockname()[:2]
     if not a.quiet:
         shown = socket.gethostname() if host == "0.0.0.0" else host
-        print(f"http://{shown}:{port}/  (everything stays in {desk.folder}; Ctrl-C ends it)", flush=True)
+        print(
+            f"http://{shown}:{port}/  (everything stays in {desk.folder}; Ctrl-C ends it)",
+            flush=True,
+        )
     config = uvicorn.Config(app(desk), log_level="error", timeout_graceful_shutdown=2)
     uvicorn.Server(config).run(sockets=[listening])
     return 0

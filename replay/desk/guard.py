@@ -33,7 +33,9 @@ class Guard(BaseHTTPMiddleware):
     async def dispatch(self, request: Request, call_next: RequestResponseEndpoint) -> Response:
         """One request."""
         if is_foreign(request.headers, request.method):
-            response: Response = PlainTextResponse("refused: the request comes from another site\n", 403)
+            response: Response = PlainTextResponse(
+                "refused: the request comes from another site\n", 403
+            )
         else:
             response = await call_next(request)
         response.headers.update(_HEADERS)
@@ -48,7 +50,10 @@ def is_foreign(headers: Headers, method: str) -> bool:
     origin = headers.get("origin")
     if origin is not None and urlsplit(origin).netloc != host:
         return True
-    return method not in ("GET", "HEAD") and headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
+    return method not in ("GET", "HEAD") and headers.get("sec-fetch-site", "none") not in (
+        "same-origin",
+        "none",
+    )
 
 
 def _is_this_machine(name: str) -> bool:

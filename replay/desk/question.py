@@ -34,7 +34,9 @@ class Field:
         """Where the number comes from; a range in the form's unit, and no option of the command line."""
         said = re.sub(r"; --\w+ \w+ gives it(; an arm's length)?", "", source)
         return re.sub(
-            r"^([\d.e-]+) to ([\d.e+-]+)", lambda m: " to ".join(map(self.shown, map(float, m.groups()))), said
+            r"^([\d.e-]+) to ([\d.e+-]+)",
+            lambda m: " to ".join(map(self.shown, map(float, m.groups()))),
+            said,
         )
 
 
@@ -57,7 +59,11 @@ def rows(facts: Sequence[Mapping[str, Any]]) -> list[tuple[Field, str, str]]:
 
 def others(facts: Sequence[Mapping[str, Any]]) -> list[str]:
     """Facts of a draft that the form has no field for, one line each."""
-    return [f"{fact['key']} {fact['value']}: {fact['from']}" for fact in facts if fact["key"] not in FIELDS]
+    return [
+        f"{fact['key']} {fact['value']}: {fact['from']}"
+        for fact in facts
+        if fact["key"] not in FIELDS
+    ]
 
 
 class Asked(StrEnum):
@@ -86,15 +92,26 @@ class Question:
         given = dict(form)
         if given.get("kind") not in set(Asked):
             raise HTTPException(400, f"kind: must be one of {', '.join(Asked)}")
-        kind, logs = Asked(given["kind"]), drop.logs
-        good = tuple(one_of(logs, value).name for key, value in form if key == "good") if kind == Asked.CHANGED else ()
+        kind = Asked(given["kind"])
+        logs = drop.logs
+        good = (
+            tuple(one_of(logs, value).name for key, value in form if key == "good")
+            if kind == Asked.CHANGED
+            else ()
+        )
         if not logs:
             raise HTTPException(400, "there is no log here: drop one")
         if kind == Asked.CHANGED and not 0 < len(good) < len(logs):
-            raise HTTPException(400, "tick the good logs, and leave at least one that is asked about")
+            raise HTTPException(
+                400, "tick the good logs, and leave at least one that is asked about"
+            )
         if "edited" in given:
             return cls(kind, good, vehicle=given.get("vehicle", ""))
-        return cls(kind, good, tuple((key, text.strip()) for key, text in form if key in FIELDS and text.strip()))
+        return cls(
+            kind,
+            good,
+            tuple((key, text.strip()) for key, text in form if key in FIELDS and text.strip()),
+        )
 
     def written(self, drop: Drop) -> Ask:
         """As one more question about the logs."""
@@ -118,4 +135,11 @@ class Question:
             logs += ["--since", *(str(log) for log in drop.logs if log.name in self.good)]
         elif not self.vehicle:
             vehicle.append(f"--save-vehicle={place / 'vehicle.toml'}")
-        return ["diagnose", *logs, *vehicle, f"--report={place}", f"--json={place / 'answer.json'}", "--quiet"]
+        return [
+            "diagnose",
+            *logs,
+            *vehicle,
+            f"--report={place}",
+            f"--json={place / 'answer.json'}",
+            "--quiet",
+        ]

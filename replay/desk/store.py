@@ -81,7 +81,9 @@ class Drop:
         """The text of ``replay info``."""
         return self.folder / "info" / f"{log.name}.txt"
 
-    async def receive(self, name: str, chunks: AsyncIterator[bytes], most: int, changed_s: str = "") -> Path:
+    async def receive(
+        self, name: str, chunks: AsyncIterator[bytes], most: int, changed_s: str = ""
+    ) -> Path:
         """Write a log to disk as it comes in. Raises HTTPException, or OSError where the disk is full.
 
         ``most``: bytes that are taken. ``changed_s``: when it was last changed, seconds since 1970: the date of a log
@@ -95,7 +97,8 @@ class Drop:
                     file.write(chunk)
                     if file.tell() > most:
                         raise HTTPException(
-                            413, f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself"
+                            413,
+                            f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself",
                         )
             if changed_s.isdecimal():
                 os.utime(part, (int(changed_s), int(changed_s)))
@@ -110,7 +113,8 @@ class Drop:
         same = next((log for log in self.logs if filecmp.cmp(part, log, shallow=False)), None)
         if same is not None:
             raise HTTPException(409, f"{name}: is the same log as {same.name}")
-        target, number = self.folder / "logs" / name, 1
+        target = self.folder / "logs" / name
+        number = 1
         while target.exists():
             number += 1
             target = target.with_name(f"{Path(name).stem}-{number}{Path(name).suffix}")
@@ -131,7 +135,9 @@ class Desk:
             for part in folder.glob("*/*.part"):  # of a desk that was killed
                 part.unlink()
         except OSError as error:
-            raise ConfigError(f"--folder {folder}: cannot be written ({error.strerror}); name another") from None
+            raise ConfigError(
+                f"--folder {folder}: cannot be written ({error.strerror}); name another"
+            ) from None
         return cls(folder.resolve())
 
     @property

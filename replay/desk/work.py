@@ -47,10 +47,15 @@ class Work:
         done = len(list(ask.folder.glob("each/results/*.json")))
         if step and done:
             return f"{step}: {done} done"
-        return "the vehicle is drafted; looks what the model lacks" if step and ask.vehicle_text else step
+        return (
+            "the vehicle is drafted; looks what the model lacks"
+            if step and ask.vehicle_text
+            else step
+        )
 
     async def _answer(self, drop: Drop, ask: Ask, question: Question) -> None:
-        said, failure = ask.folder / "stderr.txt", ""
+        said = ask.folder / "stderr.txt"
+        failure = ""
         try:
             async with self._turn:
                 await self._look(drop, ask)
@@ -72,7 +77,8 @@ class Work:
         for log in drop.logs:
             if not drop.info(log).exists():
                 self._steps[ask.folder] = f"looks what is in {log.name}"
-                part, said = ask.folder / "info.txt", ask.folder / "stderr.txt"
+                part = ask.folder / "info.txt"
+                said = ask.folder / "stderr.txt"
                 code = await _call(["info", str(log)], part, said)
                 text = _failure(said, code, drop) if code else read_text(part)
                 drop.info(log).write_text(text, encoding="utf-8")
@@ -80,7 +86,9 @@ class Work:
 
 def _failure(said: Path, code: int, drop: Drop) -> str:
     """What went wrong, without the desk's own paths."""
-    return error_text(read_text(said).replace(f"{drop.folder}/logs/", "").replace(f"{drop.folder}/", ""), code)
+    return error_text(
+        read_text(said).replace(f"{drop.folder}/logs/", "").replace(f"{drop.folder}/", ""), code
+    )
 
 
 async def _call(arguments: list[str], out: Path, err: Path) -> int:

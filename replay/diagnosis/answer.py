@@ -8,16 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect, BelongsTo, InFlight
-from models.frames import AXES, GRAVITY, Array
-from replay.diagnosis.amended_model import to_adopt
-from replay.diagnosis.words import estimate_text, kept_words
+from models.effects import AdoptedEffect, InFlight
+from models.frames import AXES, Array
+from models.vehicle import Vehicle
+from replay.diagnosis.amended_model import of_one_wind, to_adopt
+from replay.diagnosis.weights import in_shares, least_in_shares, scale
+from replay.diagnosis.words import (
+    class_text,
+    estimate_text,
+    explains_text,
+    kept_words,
+    least_text,
+    size_text,
+    unit_words,
+)
 from replay.flightlog import LogFault
 from replay.numbers import rounded
 from replay.residual.record import Record
 from replay.search.curves import CarryingChannel
+from replay.search.estimates import IntervalEstimate
+from replay.search.held_out import FlightFit
 from replay.search.outside import Outside
 from replay.search.results import Found, Searched, corrected_together
+from replay.search.visible import Visible
 from replay.sources.choose import source_notes, sources_json
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
@@ -43,9 +56,28 @@ class Diagnosis(Searched):
         """The flights."""
         return [t.record for t in self.traces]
 
+    @property
+    def vehicle(self) -> Vehicle:
+        """The one that flew."""
+        return self.records[0].context.vehicle
+
+    def unit(self, axis: int) -> tuple[float, str]:
+        """Factor and unit in which sizes on an axis are said: without a known mass shares of the weight."""
+        return scale(UNITS[axis], self.vehicle)
+
+    def numbers_of(self, found: Found) -> tuple[IntervalEstimate, ...]:
+        """The parameters of an effect as they are said."""
+        return in_shares(found.estimates, self.vehicle)
+
+    @property
+    def could_have_seen(self) -> tuple[Visible, ...]:
+        """What was not found, and from which size on it would have been, as it is said."""
+        return tuple(least_in_shares(one, self.vehicle) for one in self.visible)
+
     def rms(self, *, after: bool) -> Array:
         """RMS per axis on held-out time of all flights, (6,); NaN where no flight could judge the axis."""
-        energy, count = np.zeros(6), np.zeros(6)
+        energy = np.zeros(6)
+        count = np.zeros(6)
         for t in self.traces:
             r = (t.after if after else t.before)[t.record.valid]
             judged = np.isin(np.arange(6), t.record.axes)
@@ -55,24 +87,42 @@ class Diagnosis(Searched):
             return np.asarray(np.sqrt(energy / count))
 
     @property
+    def of_one_wind(self) -> float:
+        """Share of a drag that was found which may be of the one wind of these flights."""
+        wind = next((f for f in self.found if f.effect.name == "wind"), None)
+        if wind is None or len(self.records) > 1:
+            return 0.0
+        record = self.records[0]
+        own = np.hypot(*record.context.velocity[record.valid, :2].T)
+        speed = float(np.sqrt(np.nanmean(own**2)))
+        return of_one_wind(float(np.hypot(wind.numbers["north"], wind.numbers["east"])), speed)
+
+    @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
         """The named effects with the sizes that another flight may be predicted by.
 
         A map of surfaces and the laws that it corrects stay as found: only their sum is known well.
         """
-        one_wind = len(self.records) == 1 and any(f.effect.belongs_to is BelongsTo.WEATHER for f in self.found)
         joint = corrected_together(f.effect for f in self.found)
         return tuple(
             self._as_found(f)
             if f.effect.name in joint
-            else to_adopt(f.effect, f.estimates, self.records[f.flight].context, f.without, one_wind=one_wind)
+            else to_adopt(
+                f.effect,
+                f.fitted,
+                self.records[f.flight].context,
+                f.without,
+                doubt=self.of_one_wind,
+            )
             for f in self.found
         )
 
     def _as_found(self, found: Found) -> AdoptedEffect:
         coverage = found.effect.in_flight.coverage
         seen = {} if coverage is None else coverage([r.context for r in self.records])
-        return AdoptedEffect(found.effect.name, found.parameters | dict(seen))
+        # A map is of the model's own answer, which has no axes of the body.
+        without = () if found.effect.remainder else found.without
+        return AdoptedEffect(found.effect.name, found.parameters | dict(seen), without)
 
     @property
     def aliases(self) -> list[list[str]]:
@@ -81,7 +131,8 @@ class Diagnosis(Searched):
 
     def as_json(self, model: str | None) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
-        before, after = self.rms(after=False), self.rms(after=True)
+        before = self._said_rms(after=False)
+        after = self._said_rms(after=True)
         judged = [i for i in range(6) if np.isfinite(before[i])]
         content: dict[str, Any] = rounded(
             {
@@ -91,27 +142,48 @@ class Diagnosis(Searched):
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
                 "axes": {
-                    AXES[i]: {"rms_before": before[i], "rms_after": after[i], "unit": UNITS[i]}
-                    | _of_weight([before[i], after[i]], UNITS[i], self)
+                    AXES[i]: {
+                        "rms_before": before[i],
+                        "rms_after": after[i],
+                        "unit": self.unit(i)[1],
+                    }
+                    | _of_weight([before[i], after[i]], self.unit(i)[1])
                     for i in judged
                 },
                 "effects": [_effect(f, self) for f in self.found],
                 "aliases": self.aliases,
                 "unexplained": {
                     "rms": {AXES[i]: after[i] for i in judged},
-                    "channels": [{"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels],
+                    "channels": [
+                        {"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels
+                    ],
                 },
-                "outside": [{"log": t.record.name, **_outside(o)} for t in self.traces for o in t.outside],
-                "regimes": [{"log": t.record.name, **r} for t in self.traces for r in t.regimes],
+                "outside": [
+                    {"log": t.record.name, **_outside(o, self)}
+                    for t in self.traces
+                    for o in t.outside
+                ],
+                "regimes": [
+                    {"log": t.record.name, **r} for t in self.traces for r in self.regimes(t)
+                ],
                 "log_faults": [f.as_json() for f in self.faults],
                 "model": model,
                 "could_have_seen": [
-                    {"what": v.what, "axes": v.axes, "least": v.least, "unit": v.unit, "parameter": v.coefficient}
-                    for v in self.visible
+                    {
+                        "what": v.what,
+                        "axes": v.axes,
+                        "least": v.least,
+                        "unit": v.unit,
+                        "parameter": v.coefficient,
+                    }
+                    for v in self.could_have_seen
                 ],
+                "left_out": self.left_out,
                 "rejected": [asdict(r) for r in self.rejected],
                 "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
-                "excluded": [{"log": r.name, **asdict(e)} for r in self.records for e in r.excluded],
+                "excluded": [
+                    {"log": r.name, **asdict(e)} for r in self.records for e in r.excluded
+                ],
                 "notes": self.notes,
             }
         )
@@ -119,28 +191,58 @@ class Diagnosis(Searched):
 
     def as_text(self) -> str:
         """A few lines for a person."""
-        before, after = self.rms(after=False), self.rms(after=True)
+        before = self._said_rms(after=False)
+        after = self._said_rms(after=True)
         seconds = sum(r.seconds for r in self.records)
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
         lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults]
         lines += [
-            f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}{_share_text([b, a], unit, self)}"
-            for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
-            if np.isfinite(b)
+            f"  {AXES[i]:3s} {size_text(before[i]):>8s} -> {size_text(after[i]):>8s} {unit_words(self.unit(i)[1])}"
+            for i in range(6)
+            if np.isfinite(before[i])
         ]
         lines += [text for f in self.found for text in _effect_text(f, self)]
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
-        lines += [f"  {outside_text(o)}" for t in self.traces for o in t.outside]
+        lines += [f"  {self.outside_words(o)}" for t in self.traces for o in t.outside]
         lines += self._judged()
         notes = [*self.notes, *self._read_from()]
         return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
 
+    def _said_rms(self, *, after: bool) -> Array:
+        """RMS per axis (6,), as it is said."""
+        factors = np.array([self.unit(axis)[0] for axis in range(6)])
+        return np.asarray(self.rms(after=after) * factors)
+
+    def regimes(self, trace: FlightFit) -> list[dict[str, Any]]:
+        """Error of the parts of a flight, as it is said."""
+        out = []
+        for regime in trace.regimes:
+            axes = {}
+            for axis, rms in regime["axes"].items():
+                factor, _ = self.unit(AXES.index(axis))
+                axes[axis] = {name: value * factor for name, value in rms.items()}
+            out.append(regime | {"axes": axes})
+        return out
+
+    def outside_words(self, o: Outside) -> str:
+        """What acts and follows no logged quantity: how large, and when."""
+        factor, unit = self.unit(AXES.index(o.axis))
+        when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all the time"
+        size = f"{o.axis} {o.rms * factor:.3g} {unit_words(unit)}"
+        if o.regime:
+            return f"not explained: {size} on average {WHERE[o.regime]}, {when}"
+        return f"not explained, in no logged quantity: {size}, {when}"
+
     def _judged(self) -> list[str]:
         """Which axes were judged, and from which size on what was not found would have been."""
-        axes = [name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)]
+        axes = [
+            name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)
+        ]
         unjudged = [name for name in AXES if name not in axes]
-        lines = [f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"]
-        seen = [f"{v.what} ({v.coefficient} {v.least:.2g} {v.unit})" for v in self.visible]
+        lines = [
+            f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"
+        ]
+        seen = [f"{v.what} ({least_text(v)})" for v in self.could_have_seen]
         if seen:
             lines.append(f"  would have been named from this size on: {', '.join(seen)}")
         return lines
@@ -158,29 +260,26 @@ def rms_interval(residual: Array, step_s: float) -> tuple[float, float, float]:
     """
     square = residual**2
     parts = np.array_split(square, max(len(square) // max(round(BLOCK_S / step_s), 1), 2))
-    sums, counts = np.array([p.sum() for p in parts]), np.array([len(p) for p in parts])
+    sums = np.array([p.sum() for p in parts])
+    counts = np.array([len(p) for p in parts])
     pick = np.random.default_rng(0).integers(0, len(parts), (_DRAWS, len(parts)))
     draws = np.sqrt(sums[pick].sum(1) / np.maximum(counts[pick].sum(1), 1))
     low, high = np.percentile(draws, [2.5, 97.5])
     return float(np.sqrt(square.mean())), float(low), float(high)
 
 
-def _of_weight(values: Sequence[float], unit: str, answer: Diagnosis) -> dict[str, list[float]]:
-    """The same sizes in shares of the weight, where the mass is assumed: these do not depend on it."""
-    weights = {"N": GRAVITY, "kg": 1.0}
-    vehicle = answer.records[0].context.vehicle if answer.records else None
-    if vehicle is None or "mass_kg" not in vehicle.assumed or unit not in weights:
-        return {}
-    return {"of_weight": [v / (vehicle.mass_kg * weights[unit]) for v in values]}
+def _of_weight(values: Sequence[float], unit: str) -> dict[str, list[float]]:
+    """A second key for shares of the weight, under which older answers gave them."""
+    return {"of_weight": list(values)} if unit == "weight" else {}
 
 
-def _share_text(values: Sequence[float], unit: str, answer: Diagnosis) -> str:
-    shares = _of_weight(values, unit, answer).get("of_weight", [])
-    return f" ({' -> '.join(f'{s:.2%}' for s in shares)} of the weight)" if shares else ""
+def _parameter(e: IntervalEstimate) -> dict[str, Any]:
+    return e.as_json() | (_of_weight([e.value], e.unit) if e.determined else {})
 
 
-def _outside(o: Outside) -> dict[str, Any]:
-    out = {"axes": [o.axis], "rms": o.rms, "unit": UNITS[AXES.index(o.axis)], "intervals_s": o.intervals_s}
+def _outside(o: Outside, answer: Diagnosis) -> dict[str, Any]:
+    factor, unit = answer.unit(AXES.index(o.axis))
+    out = {"axes": [o.axis], "rms": o.rms * factor, "unit": unit, "intervals_s": o.intervals_s}
     return out | ({"regime": o.regime} if o.regime else {})
 
 
@@ -188,7 +287,7 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
     out = {
         "name": f.effect.name,
         "axes": f.axes,
-        "parameters": {e.name: e.as_json() | _of_weight([e.value], e.unit, answer) for e in f.estimates},
+        "parameters": {e.name: _parameter(e) for e in answer.numbers_of(f)},
         "explains": f.explains,
         "q_value": 1.0 - f.probability,
         "probability": f.probability,
@@ -201,36 +300,44 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
     }
     if f.without:
         out["without"] = f.without
+    if f.small:
+        out["small"] = True
+    if f.members:
+        out["members"] = [{"name": name, "probability": p} for name, p in f.members]
+        out["decided_by"] = f.decided_by
     if len(answer.traces) > 1:
-        out["flights"] = {answer.traces[i].record.name: parameters for i, parameters in f.of_flight.items()}
+        out["flights"] = {
+            answer.traces[i].record.name: _values(said, answer)
+            for i, said in f.said_of_flight.items()
+        }
     return out
 
 
+def _values(estimates: Sequence[IntervalEstimate], answer: Diagnosis) -> dict[str, float | None]:
+    """Parameters without intervals."""
+    said = in_shares(estimates, answer.vehicle)
+    return {e.name: e.value if e.determined else None for e in said}
+
+
 def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
-    if f.effect.mixing is not None and f.effect.shown.in_words is not None:  # too many numbers to read
-        numbers = f.effect.shown.in_words(answer.records[f.flight].context, f.parameters)
+    if (
+        f.effect.mixing is not None and f.effect.shown.in_words is not None
+    ):  # too many numbers to read
+        numbers = f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
     else:
-        numbers = (
-            ", ".join(estimate_text(e) + _share_text([e.value], e.unit, answer) for e in f.estimates if e.determined)
-            or "size not determined"
-        )
-    sure = f"{f.status}, probability {f.probability:.2f}"
+        numbers = ", ".join(map(estimate_text, answer.numbers_of(f)))
+    small = ", small" if f.small else ""
+    names = [f.effect.name, *(name for name, _ in f.members if name != f.effect.name)]
+    sure = f"{f.status}{small}, probability {f.probability:.2f}"
     flown = "" if f.effect.in_flight.use is InFlight.WRENCH else f"; {f.effect.in_flight.use.value}"
     lines = [
-        f"  {f.effect.name} ({sure}): {numbers}; explains {f.explains:.0%}",
+        f"  {' or '.join(names)} ({sure}): {numbers}; {explains_text(f.explains)}",
         f"    {kept_words(f.effect)}{flown}",
     ]
     if f.without:
         lines.append(f"    not on {', '.join(f.without)}: there it makes the error larger")
-    if f.aliases:
+    if f.members:
+        lines.append(f"    {class_text(f)}")
+    elif f.aliases:
         lines.append(f"    or {', '.join(f.aliases)}; to separate them: {f.effect.excite}")
     return lines
-
-
-def outside_text(o: Outside) -> str:
-    """What acts and follows no logged quantity: how large, and when."""
-    when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all the time"
-    unit = UNITS[AXES.index(o.axis)]
-    if o.regime:
-        return f"not explained: {o.axis} {o.rms:.3g} {unit} on average {WHERE[o.regime]}, {when}"
-    return f"not explained, in no logged quantity: {o.axis} {o.rms:.3g} {unit}, {when}"

@@ -26,23 +26,51 @@ def add_parser(commands: Any) -> None:
         "logs", nargs="+", type=Path, metavar="LOG",
         help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
     )  # fmt: skip
-    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from the logs)")
-    p.add_argument("--mass", type=float, metavar="KG", help="of the drafted vehicle, with battery (default: typical)")
+    p.add_argument(
+        "--vehicle",
+        type=vehicle_path,
+        metavar="FILE",
+        help="vehicle file (default: drafted from the logs)",
+    )
+    p.add_argument(
+        "--mass",
+        type=float,
+        metavar="KG",
+        help="of the drafted vehicle, with battery (default: typical)",
+    )
     p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
     p.add_argument(
-        "--span", type=float, metavar="M", help="motor axis to the opposite motor's axis (default: no moments)"
+        "--span",
+        type=float,
+        metavar="M",
+        help="motor axis to the opposite motor's axis (default: no moments)",
     )
-    p.add_argument("--save-vehicle", type=Path, metavar="FILE.toml", help="write the drafted vehicle for --vehicle")
     p.add_argument(
-        "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
+        "--save-vehicle",
+        type=Path,
+        metavar="FILE.toml",
+        help="write the drafted vehicle for --vehicle",
     )
-    p.add_argument("--save-model", type=Path, metavar="DIR", help="write the amended model; companion --model flies it")
+    p.add_argument(
+        "--model",
+        metavar="DIR",
+        help="declared model, or none: rotors in free air (default: the shipped model)",
+    )
+    p.add_argument(
+        "--save-model",
+        type=Path,
+        metavar="DIR",
+        help="write the amended model; companion --model flies it",
+    )
     p.add_argument(
         "--test", nargs="+", type=Path, default=[], metavar="LOG",
         help="other flights, on which the amended model is judged as replay predict does",
     )  # fmt: skip
     p.add_argument(
-        "--report", type=Path, metavar="DIR", help="write a self-contained HTML page; for a folder, of each log"
+        "--report",
+        type=Path,
+        metavar="DIR",
+        help="write a self-contained HTML page; for a folder, of each log",
     )
     p.add_argument(
         "--since", nargs="+", metavar="GOOD",
@@ -59,7 +87,14 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from models.text_file import write_text
     from models.vehicle_plausibility import warnings
-    from replay.command import check_targets, fault_lines, given, of_logs, progress_bar, write_answer
+    from replay.command import (
+        check_targets,
+        fault_lines,
+        given,
+        of_logs,
+        progress_bar,
+        write_answer,
+    )
     from replay.diagnosis.amended_model import amended
     from replay.diagnosis.diagnose import diagnose
     from replay.diagnosis.html_report import page
@@ -82,6 +117,7 @@ def run(a: argparse.Namespace) -> int:
         chosen.judged,
         target_system=a.target_system,
         settings=given(a).settings,
+        read=None if draft is None else draft.read,
         progress=progress_bar(a),
     )
     faults = model_faults(answer.records, chosen)
@@ -93,13 +129,19 @@ def run(a: argparse.Namespace) -> int:
     lines = [*fault_lines(faults), answer.as_text()]
     if draft is not None:
         content["vehicle"] = draft.as_json()
-        lines = ["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known), *lines]
+        lines = [
+            "vehicle drafted from the log",
+            *(f"  {fact.as_text()}" for fact in draft.known),
+            *lines,
+        ]
     if a.save_model is not None or a.test:
         made = amended(chosen.judged, vehicle, answer.adopted, [r.path for r in answer.records])
     if a.test:
         from replay.predict.predict import predict
 
-        test = predict(a.test, vehicle, made, target_system=a.target_system, progress=progress_bar(a))
+        test = predict(
+            a.test, vehicle, made, target_system=a.target_system, progress=progress_bar(a)
+        )
         content["test"] = test.as_json(content["model"])
         lines.append(f"on other flights, {test.as_text()}")
     if a.save_model is not None:
@@ -128,10 +170,14 @@ def _folder(a: argparse.Namespace) -> int:
     from replay.fleet.folder import run_folder
 
     if len(a.logs) > 1:
-        raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
+        raise ConfigError(
+            "a folder is diagnosed log by log: give it alone, or name the logs that belong together"
+        )
     instead = f"give those of one vehicle by name, as in replay diagnose {a.logs[0]}/*.tlog"
     for option in ("test", "save_vehicle", "save_model"):
         said = f"a folder's logs may be of several vehicles; {instead} --{option.replace('_', '-')}"
         refuse(a, (option,), said)
     refuse(a, ("set",), f"names an instance of one log; give that log, not the folder {a.logs[0]}")
-    return run_folder(a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span})
+    return run_folder(
+        a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span}
+    )

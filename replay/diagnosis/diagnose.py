@@ -29,13 +29,23 @@ def diagnose(
     *,
     target_system: int | None = None,
     settings: Mapping[str, str] | None = None,
+    read: dict[Path, list[FlightLog]] | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read.
 
-    ``settings``: the instance to read, by quantity.
+    ``settings``: the instance to read, by quantity. Logs in ``read`` are not read again; they are taken out, so that
+    none stays in memory for the search.
     """
-    records, notes = read_records(progress(paths), vehicle, model, target_system, settings)
+    held = {} if read is None else read
+    records, notes = read_records(
+        progress(paths),
+        vehicle,
+        model,
+        target_system,
+        settings=settings,
+        read=held,
+    )
     return conclude(records, notes)
 
 
@@ -56,21 +66,23 @@ def conclude(
         verdict = "not_judged"
     all_notes = [
         *notes,
-        *_one_wind(searched.found, records),
-        *_wind_speeds(searched.found, records),
+        *_left_out(searched.left_out),
+        *_remarks(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
-    return Diagnosis(
+    answer = Diagnosis(
         traces=searched.traces,
         found=searched.found,
         rejected=searched.rejected,
         visible=searched.visible,
+        left_out=searched.left_out,
         channels=channels,
         verdict=verdict,
         notes=tuple(all_notes),
         faults=faults,
     )
+    return replace(answer, notes=(*answer.notes, *_one_wind(answer)))
 
 
 def read_records(
@@ -79,8 +91,9 @@ def read_records(
     model: FanSurrogate | None,
     target_system: int | None,
     settings: Mapping[str, str] | None = None,
+    read: dict[Path, list[FlightLog]] | None = None,
 ) -> tuple[list[Record], list[str]]:
-    """Flights of some logs, and what is to be said of reading them.
+    """Flights of some logs, and what is to be said of reading them; logs are taken out of ``read`` where it has them.
 
     LogError where none can be judged, ConfigError where the vehicle file lacks what the empty model needs.
     """
@@ -94,7 +107,11 @@ def read_records(
         own = Stretches()
         boot = 0
         try:
-            for log in load(path, target_system, settings):
+            if read is not None and path in read:
+                boots = read.pop(path)
+            else:
+                boots = load(path, target_system, settings)
+            for log in boots:
                 boot = log.boot
                 for part in log.stretches():
                     if not own.wants_next():
@@ -109,7 +126,9 @@ def read_records(
         alone = len(own.records) == 1 and not boot
         records += [replace(own.records[0], name=path.name)] if alone else own.records
         if boot:
-            notes.append(f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own")
+            notes.append(
+                f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own"
+            )
         notes += [f"{path.name}: {note}" for note in (*own.notes(), *said)]
     if not records:
         raise problems[0]
@@ -133,22 +152,32 @@ def _channels(traces: Sequence[FlightFit]) -> tuple[CarryingChannel, ...]:
     return tuple(best.values())
 
 
-def _one_wind(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
-    """Only flights in different winds separate drag from wind."""
-    if len(records) > 1 or not any(f.effect.name == "wind" for f in found):
+def _left_out(what: Sequence[str]) -> list[str]:
+    """A search that would take too long stops with the best that it has."""
+    if not what:
         return []
     return [
-        "one flight in one wind does not separate drag from wind: an amended model keeps half of the drag and of the "
-        "inflow; diagnose it together with a flight in another wind"
+        f"left out of the search, which would take too long: {', '.join(what)}; a part of the flight takes less"
     ]
 
 
-def _wind_speeds(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
-    """Speeds behind effects that give them in units of their own drag."""
+def _one_wind(answer: Diagnosis) -> list[str]:
+    """Only flights in different winds separate drag from wind."""
+    kept = f"{1.0 - answer.of_one_wind:.0%}"
+    if kept == "100%":
+        return []
+    return [
+        f"one flight in one wind does not separate drag from wind: an amended model keeps {kept} of the drag and of "
+        "the inflow; diagnose it together with a flight in another wind"
+    ]
+
+
+def _remarks(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
+    """What effects say of parameters that the flights do not determine."""
     out = []
     for f in found:
         remark = f.effect.shown.remark
-        note = None if remark is None else remark({e.name: (e.value, *e.ci95) for e in f.estimates})
+        note = None if remark is None else remark({e.name: e.determined for e in f.fitted})
         if note is not None:
             out.append(f"{records[f.flight].name}: {note}")
     return out

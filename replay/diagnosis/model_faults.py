@@ -23,7 +23,8 @@ def model_faults(records: Sequence[Record], chosen: Choice | None) -> list[dict[
         for wrong in chosen.contradictions
     ]  # fmt: skip
     for record in records:
-        context, valid = record.context, record.valid
+        context = record.context
+        valid = record.valid
         felt = context.vehicle.mass_kg * np.linalg.norm(context.state.specific_force, axis=1)
         lift = context.thrust.sum(axis=1)
         share = lift[valid] / np.maximum(felt[valid], 0.1 * context.vehicle.mass_kg * GRAVITY)

@@ -28,18 +28,27 @@ class NextStep:
 def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ()) -> NextStep:
     """The verdict in words, and the one thing to do. ``model_faults``: of a model or file of another vehicle."""
     names = listed([plain(f.effect.name) for f in answer.found])
-    faults = [*((f["channel"], f["what"]) for f in model_faults), *((f.channel, f.what) for f in answer.faults)]
+    faults = [
+        *((f["channel"], f["what"]) for f in model_faults),
+        *((f.channel, f.what) for f in answer.faults),
+    ]
     if faults:
         wrong = tuple(f"{channel_words(channel)}: {what}." for channel, what in faults)
         action = "Check this in the log and the vehicle file first: the effects below may follow from it."
         head = f"The model lacks {names}, but the" if names else "The"
         return NextStep(f"{head} log or the vehicle file has a fault.", action, wrong, bad=True)
     if answer.verdict == "not_judged":
-        return NextStep("Nothing could be judged.", "Record the flight again, with what the notes name.", ())
+        return NextStep(
+            "Nothing could be judged.", "Record the flight again, with what the notes name.", ()
+        )
     if answer.verdict == "nothing_missing":
         idle = "What this flight could not have shown is listed below, with what to fly for it."
         reasons = () if all(r.excited for r in answer.rejected) else (idle,)
-        return NextStep("Nothing is missing: the model explains this flight.", "There is nothing to change.", reasons)
+        return NextStep(
+            "Nothing is missing: the model explains this flight.",
+            "There is nothing to change.",
+            reasons,
+        )
     if answer.verdict == "unexplained":
         return NextStep(
             "The model lacks something, and no effect of the catalogue fits it.", _look(answer),
@@ -53,12 +62,18 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
 
 def certainty(f: Found) -> str:
     """How sure a name is, in a sentence."""
-    chance = f"probability {f.probability:.2f}"
+    chance = f"{'small, ' if f.small else ''}probability {f.probability:.2f}"
     if f.at_bound:
         return f"Uncertain ({chance}): a parameter is at the limit of what was tried."
     if f.status == "confirmed":
         return f"Confirmed ({chance}): as found on one flight, it also removes error from another."
-    likely = "Likely" if f.probability >= SURE else "Possible" if f.probability >= LIKELY else "A hint only"
+    likely = (
+        "Likely"
+        if f.probability >= SURE
+        else "Possible"
+        if f.probability >= LIKELY
+        else "A hint only"
+    )
     return f"{likely} ({chance}), seen on one flight."
 
 
@@ -81,7 +96,8 @@ def _act(answer: Diagnosis) -> tuple[str, str]:
             "the amended model may be tried high above the ground first.",
         )
     action = (
-        "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, first with --dry-run."
+        "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, "
+        "first with --dry-run."
     )
     if not any(f.effect.kept for f in answer.found):
         action = "There is nothing to adopt: all of it belongs to this flight. The next flight starts without it."
@@ -95,7 +111,11 @@ def _doubt(f: Found) -> str:
         return f"On held-out time {name} does not lower the error: do not adopt it."
     if f.at_bound:
         return f"A parameter of {name} is at the limit of what was tried: do not adopt it."
-    return "" if f.probability >= SURE else f"{name} has a probability of {f.probability:.2f}: do not adopt it yet."
+    return (
+        ""
+        if f.probability >= SURE
+        else f"{name} has a probability of {f.probability:.2f}: do not adopt it yet."
+    )
 
 
 def _look(answer: Diagnosis) -> str:
@@ -111,6 +131,6 @@ def _look(answer: Diagnosis) -> str:
 
 def size_words(f: Found, answer: Diagnosis) -> str:
     """``fan 3 gives 15 % less thrust than declared``; name and numbers where the effect has no such words."""
-    if f.effect.shown.in_words is not None:
-        return f.effect.shown.in_words(answer.records[f.flight].context, f.parameters)
-    return f"{plain(f.effect.name)}: {', '.join(map(estimate_text, f.estimates))}"
+    if f.effect.shown.in_words is not None and f.sized:
+        return f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
+    return f"{plain(f.effect.name)}: {', '.join(map(estimate_text, answer.numbers_of(f)))}"

@@ -11,6 +11,7 @@ from models.effects.pictures import over_time
 from models.frames import AXES, Array
 from models.pages.svg import Line, figure, keys
 from replay.diagnosis.answer import UNITS
+from replay.diagnosis.weights import scale
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
@@ -32,29 +33,40 @@ def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
     On the flight that shows it best, along the axis on which it is strongest in hundredths of the weight; nothing where
     it corrects a measurement only.
     """
-    t, effect = traces[found.flight], found.effect
+    t = traces[found.flight]
+    effect = found.effect
     record = t.record
     wrench = np.nan_to_num(effect.wrench(record.context, found.of_flight[found.flight]))
     judged = [a for a in record.axes if not effect.searched or AXES[a] in effect.searched]
     wrench[:, np.setdiff1d(np.arange(6), judged)] = 0.0
-    size = np.sqrt((wrench[record.valid] ** 2).mean(axis=0)) / np.array([1.0] * 3 + [record.context.lever] * 3)
+    size = np.sqrt((wrench[record.valid] ** 2).mean(axis=0)) / np.array(
+        [1.0] * 3 + [record.context.lever] * 3
+    )
     if not size.any():
         return ""
     axis = AXES[int(np.argmax(size))]
     drawn = (effect.shown.drawn or over_time)(record.context, axis)
     good = record.valid & np.isfinite(drawn.values)
     if good.sum() < 5 * BINS or np.ptp(drawn.values[good]) < 1e-9:
-        drawn, good = over_time(record.context, axis), record.valid
+        drawn = over_time(record.context, axis)
+        good = record.valid
     x = drawn.values[good]
     own, left = ((w * drawn.direction).sum(axis=1)[good] for w in (wrench, t.after))
     middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
-    fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
+    fitted = (
+        "correction, as fitted"
+        if effect.in_flight.use is InFlight.MEASUREMENT
+        else "the effect, as fitted"
+    )
+    factor, unit = scale(UNITS[AXES.index(axis)], record.context.vehicle)
+    mean, error, curve = (factor * values for values in (mean, error, curve))
     lines = [
         Line(middle, mean, "before", "measured without it", points=True, error=error),
         Line(at, curve, "fit", fitted),
     ]
-    return figure(record.name, lines, drawn.label, drawn.force_label)
+    label = drawn.force_label.replace(f"[{UNITS[AXES.index(axis)]}]", f"[{unit}]")
+    return figure(record.name, lines, drawn.label, label)
 
 
 def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Array, Array]:
@@ -76,16 +88,20 @@ def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Ar
 
 def against(t: FlightFit, carrier: CarryingChannel) -> str:
     """The residual before and after against a channel that carries what remains; nothing where it does not vary."""
-    x, axis = t.record.channels[carrier.name], AXES.index(carrier.axis)
+    x = t.record.channels[carrier.name]
+    axis = AXES.index(carrier.axis)
     good = t.record.valid & np.isfinite(x)
     if good.sum() < 5 * BINS or np.ptp(x[good]) < 1e-9:
         return ""
     lines = []
+    factor, unit = scale(UNITS[axis], t.record.context.vehicle)
     for residual, kind in ((t.before, "before"), (t.after, "after")):
-        middle, mean, error = binned(x[good], residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s)
+        middle, mean, error = binned(
+            x[good], factor * residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s
+        )
         lines.append(Line(middle, mean, kind, kind, points=True, error=error))
     title = f"{AXIS_WORDS[axis].capitalize()}: {t.record.name}"
-    return figure(title, lines, channel_words(carrier.name), f"error [{UNITS[axis]}]")
+    return figure(title, lines, channel_words(carrier.name), f"error [{unit}]")
 
 
 def series(t: FlightFit) -> str:
@@ -94,12 +110,17 @@ def series(t: FlightFit) -> str:
     out: list[str] = []
     lines: list[Line] = []
     for axis in record.axes:
+        factor, unit = scale(UNITS[axis], record.context.vehicle)
         lines = [
-            Line(*envelope(record.time_s, np.where(record.valid, y[:, axis], np.nan)), kind, kind)
+            Line(
+                *envelope(record.time_s, np.where(record.valid, factor * y[:, axis], np.nan)),
+                kind,
+                kind,
+            )
             for kind, y in (("before", t.before), ("after", t.after))
         ]
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}"
-        out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", keyed=False))
+        out.append(figure(title, lines, "time since boot [s]", f"[{unit}]", keyed=False))
     return f'<p class="keys">{keys(lines)}</p><div class="plots">{"".join(out)}</div>'
 
 

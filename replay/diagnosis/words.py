@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from models.effects import BelongsTo, Effect, InFlight
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
+from replay.search.results import Found
+from replay.search.visible import Visible
 
-AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
+AXIS_WORDS = (
+    "force forward",
+    "force to the right",
+    "force down",
+    "roll moment",
+    "pitch moment",
+    "yaw moment",
+)
 """Fx Fy Fz Mx My Mz, body FRD."""
 _CHANNELS = {
     "time_s": "time [s]",
@@ -24,7 +34,15 @@ _CHANNELS = {
 _CAPITALS = {"imu": "IMU", "cg": "CG", "esc": "ESC"}
 _NUMBERED = {"rpm": "speed of ESC {} [rpm]", "servo": "servo output {} [µs]"}
 _OF_ONE_FLIGHT = {BelongsTo.WEATHER: "the weather", BelongsTo.LOAD: "the battery and the load"}
-_UNITS = {"N m": "N m", "m/s^2": "m/s²", "kg m^2": "kg m²", "degC": "°C", "1": ""}
+_UNITS = {
+    "weight": "of the weight",
+    "weight m": "of the weight times 1 m",
+    "N m": "N m",
+    "m/s^2": "m/s²",
+    "kg m^2": "kg m²",
+    "degC": "°C",
+    "1": "",
+}
 
 
 def channel_words(name: str) -> str:
@@ -43,6 +61,11 @@ def plain(name: str) -> str:
     return " ".join(_CAPITALS.get(word, word) for word in name.split("_"))
 
 
+def parameter_words(name: str) -> str:
+    """The name of a parameter with spaces, less its unit, which stands beside its size."""
+    return plain(re.sub(r"_(kg|m|s|v)$", "", name))
+
+
 def listed(names: list[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
@@ -53,11 +76,48 @@ def unit_words(unit: str) -> str:
     return _UNITS.get(unit, unit)
 
 
+def size_text(value: float) -> str:
+    """Three digits, without a power of ten: moments of a small vehicle are millionths of N m."""
+    if not math.isfinite(value) or value == 0.0:
+        return "0"
+    digits = 2 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(digits, 0)}f}"
+
+
 def estimate_text(e: IntervalEstimate) -> str:
-    """``mass = 0.42 [0.38, 0.46] kg``."""
-    interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
-    unit = "" if e.unit == "1" else f" {e.unit}"
-    return f"{e.name} = {e.value:.3g}{interval}{unit}" + (" (at its bound)" if e.at_bound else "")
+    """``mass_kg = 0.42 [0.38, 0.46] kg``, or ``scale not determined [-0.2, 0.7]``."""
+    digits = _digits(e)
+    interval = "" if e.ci95 is None else f" [{e.ci95[0]:.{digits}g}, {e.ci95[1]:.{digits}g}]"
+    unit = f" {unit_words(e.unit)}".rstrip()
+    size = f"= {e.value:.{digits}g}" if e.determined else "not determined"
+    bound = " (at its bound)" if e.at_bound else ""
+    return f"{e.name} {size}{interval}{unit}{bound}"
+
+
+def _digits(e: IntervalEstimate) -> int:
+    """Three, or as many as it takes to tell the ends of the interval apart."""
+    if e.ci95 is None or e.ci95[1] <= e.ci95[0]:
+        return 3
+    largest = max(abs(end) for end in e.ci95)
+    return max(3, math.ceil(math.log10(largest / (e.ci95[1] - e.ci95[0]))) + 1)
+
+
+def least_text(v: Visible) -> str:
+    """``mass_kg 0.15 kg``: the smallest size that would have been named."""
+    return f"{v.coefficient} {v.least:.2g} {unit_words(v.unit)}".rstrip()
+
+
+def explains_text(share: float) -> str:
+    """``explains 12 %``; what rounds to nothing is said as that."""
+    if share < 0.005:
+        return "explains less than 1 %"
+    return f"explains {share:.0%}"
+
+
+def class_text(f: Found) -> str:
+    """A class that cannot be told apart, in one sentence."""
+    members = [f"{plain(name)} {p:.2g}" for name, p in f.members]
+    return f"{f.push}: {', or '.join(members)}; to know which: {f.decided_by}"
 
 
 def kept_words(effect: Effect) -> str:
@@ -66,13 +126,21 @@ def kept_words(effect: Effect) -> str:
     left = [plain(c.name) for c in effect.coefficients if not effect.of_day(c)]
     source = _OF_ONE_FLIGHT.get(effect.belongs_to, "one flight")
     if not effect.kept:
+        if effect.stays is not None:
+            left = [
+                f"what of it is the vehicle's, as {listed([plain(name) for name in effect.contains])}"
+            ]
         rest = f"; the amended model keeps {listed(left)}" if left else ""
         return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:
         corrects = (
-            "corrects what this sensor reads" if effect.in_flight.use is InFlight.MEASUREMENT else "corrects its logs"
+            "corrects what this sensor reads"
+            if effect.in_flight.use is InFlight.MEASUREMENT
+            else "corrects its logs"
         )
         return f"kept for this sensor: it {corrects}, and is not compensated in flight"
     if effect.belongs_to is BelongsTo.PLACE:
         return "kept: it acts only where a range shows such a place"
-    return "kept: it belongs to the vehicle" + (f"; of this flight only, not kept: {listed(gone)}" if gone else "")
+    return "kept: it belongs to the vehicle" + (
+        f"; of this flight only, not kept: {listed(gone)}" if gone else ""
+    )

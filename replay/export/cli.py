@@ -28,10 +28,19 @@ def add_parser(commands: Any) -> None:
     )  # fmt: skip
     p.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--to", required=True, choices=("parquet", "csv", "mcap"), help="format")
-    p.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the log's name, in this folder)")
+    p.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="file to write (default: the log's name, in this folder)",
+    )
     add_pipeline_options(p)
-    p.add_argument("--no-decisions", action="store_true", help="only what the log holds, which takes less time")
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
+    p.add_argument(
+        "--no-decisions", action="store_true", help="only what the log holds, which takes less time"
+    )
+    p.add_argument(
+        "--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)"
+    )
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
     p.set_defaults(run=run)
 
@@ -54,18 +63,27 @@ def run(a: argparse.Namespace) -> int:
     try:
         with _whole(target) as part:
             logs = load(a.log, a.target_system)
-            decisions, pipeline, notes = {}, {}, list[str]()
+            decisions = {}
+            pipeline = {}
+            notes = list[str]()
             if not a.no_decisions and any(log.attitude is not None for log in logs):
                 try:
-                    vehicle, choice, made = of_logs(a.vehicle, a.model, [a.log], Given(), a.target_system)
+                    vehicle, choice, made = of_logs(
+                        a.vehicle, a.model, [a.log], Given(), a.target_system
+                    )
                 except LogError as error:
                     notes = [f"no decisions without --vehicle: {error}"]
                 else:
                     config, chosen, notes = pipeline_config(a, (vehicle, choice))
                     notes += [] if made is None else made.notes
-                    decisions = decide(a.log, config, a.target_system, assumed_parameters(a.param), quiet=a.quiet)
+                    decisions = decide(
+                        a.log, config, a.target_system, assumed_parameters(a.param), quiet=a.quiet
+                    )
                     pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
-            tables = [table(log, decisions[log.boot].columns() if log.boot in decisions else ()) for log in logs]
+            tables = [
+                table(log, decisions[log.boot].columns() if log.boot in decisions else ())
+                for log in logs
+            ]
             columns = list({c.name: c.blank() for one in tables for c in one.columns}.values())
             about = {
                 "log": a.log.name,
@@ -74,9 +92,13 @@ def run(a: argparse.Namespace) -> int:
                 "frames": "world NED, body FRD, SI units",
                 **pipeline,
             }
-            {"csv": write_csv, "parquet": write_parquet, "mcap": write_mcap}[a.to](part, tables, columns, about)
+            {"csv": write_csv, "parquet": write_parquet, "mcap": write_mcap}[a.to](
+                part, tables, columns, about
+            )
     except OSError as error:
-        raise ConfigError(f"--out {target}: cannot be written ({error.strerror or error})") from None
+        raise ConfigError(
+            f"--out {target}: cannot be written ({error.strerror or error})"
+        ) from None
     if not a.quiet:
         rows = sum(len(one.t_s) for one in tables)
         print(f"{target}: {rows} rows, {len(columns)} columns and time_s, {len(logs)} boot(s)")

@@ -51,7 +51,9 @@ class LogTable:
             out[at[inside]] = column.values[i:j][inside]
         if column.words is None:
             return out
-        return np.array([None if code != code else column.words[int(code)] for code in out.tolist()], object)
+        return np.array(
+            [None if code != code else column.words[int(code)] for code in out.tolist()], object
+        )
 
 
 def table(log: FlightLog, decisions: Iterable[Column] = ()) -> LogTable:
@@ -63,31 +65,55 @@ def table(log: FlightLog, decisions: Iterable[Column] = ()) -> LogTable:
 
 def recorded(log: FlightLog) -> Iterator[Column]:
     """Every quantity of a log that has samples."""
-    frd, quaternion = "body FRD", "unit quaternion, body FRD to world NED"
-    yield from _spread("attitude", log.attitude, [f"attitude_q{c}" for c in "wxyz"], "1", quaternion)
+    frd = "body FRD"
+    quaternion = "unit quaternion, body FRD to world NED"
+    yield from _spread(
+        "attitude", log.attitude, [f"attitude_q{c}" for c in "wxyz"], "1", quaternion
+    )
     rates = ["p_rad_s", "q_rad_s", "r_rad_s"]
     yield from _spread("rates", log.rates, rates, "rad/s", f"angular rate, {frd}, as estimated")
-    yield from _spread("position", log.position, ["north_m", "east_m", "down_m"], "m", "local position NED")
-    yield from _spread("velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED")
+    yield from _spread(
+        "position", log.position, ["north_m", "east_m", "down_m"], "m", "local position NED"
+    )
+    yield from _spread(
+        "velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED"
+    )
     for k, imu in enumerate(log.imus, 1):
-        tail, topic, of = "" if k == 1 else f"_imu{k}", f"imu_{k}", f"{frd}, {imu.source}"
-        force, gyro = [f"a{c}{tail}_m_s2" for c in "xyz"], [f"gyro_{c}{tail}_rad_s" for c in "xyz"]
+        tail = "" if k == 1 else f"_imu{k}"
+        topic = f"imu_{k}"
+        of = f"{frd}, {imu.source}"
+        force = [f"a{c}{tail}_m_s2" for c in "xyz"]
+        gyro = [f"gyro_{c}{tail}_rad_s" for c in "xyz"]
         yield from _spread(topic, imu.specific_force, force, "m/s^2", f"specific force, {of}")
         yield from _spread(topic, imu.gyro, gyro, "rad/s", f"angular rate, {of}")
     yield from _ranges(log)
     for n, esc in sorted(log.escs.items()):
         yield from _spread(f"esc_{n}", esc.rpm, [f"rpm_{n}"], "1/min", f"speed of ESC {n}")
-        yield from _spread(f"esc_{n}", esc.temperature_c, [f"esc_temperature_{n}_c"], "degC", f"temperature of ESC {n}")
+        yield from _spread(
+            f"esc_{n}",
+            esc.temperature_c,
+            [f"esc_temperature_{n}_c"],
+            "degC",
+            f"temperature of ESC {n}",
+        )
     for port, servo in sorted(log.servo_ports.items()):
         names = [f"servo_{16 * port + k + 1}" for k in range(servo.values.shape[1])]
         yield from _spread(f"servo_{port}", servo, names, "us", "pulse width of an output")
     yield from _spread("battery", log.battery, ["battery_voltage_v"], "V", "battery 0")
     yield from _spread("battery", log.battery, ["battery_current_a"], "A", "battery 0", first=1)
     yield from _spread("pressure", log.pressure, ["pressure_pa"], "Pa", "static pressure")
-    yield from _spread("pressure", log.pressure, ["air_temperature_c"], "degC", "temperature of the barometer", first=1)
+    yield from _spread(
+        "pressure",
+        log.pressure,
+        ["air_temperature_c"],
+        "degC",
+        "temperature of the barometer",
+        first=1,
+    )
     thrust = "thrust that the autopilot commands, 0 to 1"
     yield from _spread("thrust_command", log.thrust_command, ["thrust_command"], "1", thrust)
-    target, sent = [f"attitude_target_q{c}" for c in "wxyz"], [*(f"set_attitude_q{c}" for c in "wxyz"), "set_thrust"]
+    target = [f"attitude_target_q{c}" for c in "wxyz"]
+    sent = [*(f"set_attitude_q{c}" for c in "wxyz"), "set_thrust"]
     yield from _spread("attitude_target", log.attitude_target, target, "1", "attitude target")
     yield from _spread("setpoint", log.commands, sent, "1", "SET_ATTITUDE_TARGET as sent")
     wind = [f"wind_{c}_m_s" for c in ("north", "east", "down")]
@@ -124,7 +150,9 @@ def _spread(
             yield Column(name, unit, description, series.t_s[known], series.values[known, k], topic)
 
 
-def _state(name: str, intervals: tuple[Interval, ...], description: str, *, ends: bool = False) -> Iterator[Column]:
+def _state(
+    name: str, intervals: tuple[Interval, ...], description: str, *, ends: bool = False
+) -> Iterator[Column]:
     if not intervals:
         return
     at = {i.start_s: float(i.value) for i in intervals}

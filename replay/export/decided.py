@@ -36,33 +36,62 @@ class Quantity(NamedTuple):
 
 
 def _decided(d: Decision) -> Iterator[Quantity]:
-    offset, base, seen = d.offset, d.base or _NO_BASE, "as applied, after limits and fade"
-    yield Quantity("offset_thrust", "1", f"offset of thrust, share of full throttle, {seen}", offset.thrust)
+    offset = d.offset
+    base = d.base or _NO_BASE
+    seen = "as applied, after limits and fade"
+    yield Quantity(
+        "offset_thrust", "1", f"offset of thrust, share of full throttle, {seen}", offset.thrust
+    )
     yield Quantity("offset_roll_rad", "rad", f"offset of roll, {seen}", offset.roll)
     yield Quantity("offset_pitch_rad", "rad", f"offset of pitch, {seen}", offset.pitch)
-    yield Quantity("offset_share", "1", "share of the modelled disturbance that the offset cancels", offset.share)
+    yield Quantity(
+        "offset_share",
+        "1",
+        "share of the modelled disturbance that the offset cancels",
+        offset.share,
+    )
     yield Quantity("authority", "1", "fade of the offsets, 0 to 1", d.authority)
-    yield Quantity("late_s", "s", "how late the attitude or position behind the decision arrived", d.late_s)
+    yield Quantity(
+        "late_s", "s", "how late the attitude or position behind the decision arrived", d.late_s
+    )
     yield Quantity("base_thrust", "1", "thrust before the offset", base.thrust)
     for axis in ("roll", "pitch", "yaw"):
         yield Quantity(f"base_{axis}_rad", "rad", f"{axis} before the offset", getattr(base, axis))
     refusals = "; ".join(reason.value for reason in d.reasons) or _NOTHING
-    yield Quantity("refusals", "1", f"why offsets are held back; {_NOTHING} where nothing does", refusals)
+    yield Quantity(
+        "refusals", "1", f"why offsets are held back; {_NOTHING} where nothing does", refusals
+    )
 
 
 def _modelled(seen: Disturbance | None) -> Iterator[Quantity]:
-    seen = seen or Disturbance((math.nan,) * 6, *(math.nan,) * 3, (math.nan,), (math.nan,), *(_ABSENT,) * 3)
+    seen = seen or Disturbance(
+        (math.nan,) * 6, *(math.nan,) * 3, (math.nan,), (math.nan,), *(_ABSENT,) * 3
+    )
     for name, value in zip(("fx", "fy", "fz", "mx", "my", "mz"), seen.wrench, strict=True):
         unit, tail = ("N", "n") if name[0] == "f" else ("N m", "n_m")
-        yield Quantity(f"model_{name}_{tail}", unit, "modelled disturbance, body FRD about the CG", value)
+        yield Quantity(
+            f"model_{name}_{tail}", unit, "modelled disturbance, body FRD about the CG", value
+        )
     yield Quantity("model_free_lift_n", "N", "modelled lift in free air", seen.free_lift_n)
     yield Quantity("model_trust", "1", "how far the model is believed", seen.trust)
     yield Quantity("model_gain", "1", "gain of the feed-forward, bounded towards a wall", seen.gain)
-    yield Quantity("used_h_m", "m", "height over ground of the lowest fan, as the model was asked", min(seen.h_m))
-    yield Quantity("used_d_m", "m", "wall distance of the nearest fan, as the model was asked", min(seen.d_m))
+    yield Quantity(
+        "used_h_m",
+        "m",
+        "height over ground of the lowest fan, as the model was asked",
+        min(seen.h_m),
+    )
+    yield Quantity(
+        "used_d_m", "m", "wall distance of the nearest fan, as the model was asked", min(seen.d_m)
+    )
     for name, surface in (("ground", seen.ground), ("wall", seen.wall), ("ceiling", seen.ceiling)):
         sd = surface.sigma_m if math.isfinite(surface.distance_m) else math.nan
-        yield Quantity(f"{name}_distance_m", "m", f"filtered distance of the CG to the {name}", surface.distance_m)
+        yield Quantity(
+            f"{name}_distance_m",
+            "m",
+            f"filtered distance of the CG to the {name}",
+            surface.distance_m,
+        )
         yield Quantity(f"{name}_distance_sd_m", "m", f"standard deviation of {name}_distance_m", sd)
 
 
@@ -71,7 +100,9 @@ def _measured(known: Adaptation) -> Iterator[Quantity]:
         yield Quantity(f"size_{name}", e.unit, "size of an effect, as measured so far", e.value)
         yield Quantity(f"size_{name}_sd", e.unit, f"standard deviation of size_{name}", e.sd)
     for name, share in known.share_by_name().items():
-        yield Quantity(f"compensated_{name}", "1", "share of the model's wrench that is compensated", share)
+        yield Quantity(
+            f"compensated_{name}", "1", "share of the model's wrench that is compensated", share
+        )
 
 
 def _told(d: Decision, before: Decision | None) -> Iterator[tuple[str, Iterator[Quantity]]]:
@@ -79,7 +110,8 @@ def _told(d: Decision, before: Decision | None) -> Iterator[tuple[str, Iterator[
     yield "decision", _decided(d)
     if before is None or d.disturbance is not before.disturbance:
         yield "model", _modelled(d.disturbance)
-    known, last = d.adaptation, before and before.adaptation
+    known = d.adaptation
+    last = before and before.adaptation
     if known is not None and (last is None or known.sizes is not last.sizes):
         yield "sizes", _measured(known)
 
@@ -99,7 +131,9 @@ class Decisions:
         self._before: Decision | None = None
         self._words: dict[str, int] = {}
         self._topics: dict[str, _Topic] = {}
-        nothing = Decision(0.0, None, (), 0.0, Offset(), None, None, adaptation=adapt.initial(config))
+        nothing = Decision(
+            0.0, None, (), 0.0, Offset(), None, None, adaptation=adapt.initial(config)
+        )
         for topic, said in _told(nothing, None):
             quantities = list(said)
             self._topics[topic] = _Topic(quantities, array("d"), [array("d") for _ in quantities])
@@ -114,7 +148,11 @@ class Decisions:
             row = {q.name: q.value for q in said}
             for quantity, values in zip(topic.quantities, topic.values, strict=True):
                 value = row.get(quantity.name, math.nan)
-                values.append(self._words.setdefault(value, len(self._words)) if isinstance(value, str) else value)
+                values.append(
+                    self._words.setdefault(value, len(self._words))
+                    if isinstance(value, str)
+                    else value
+                )
         self._before = d
 
     def columns(self) -> Iterator[Column]:
@@ -123,11 +161,24 @@ class Decisions:
             for q, column in zip(quantities, values, strict=True):
                 known = np.isfinite(column)
                 words = tuple(self._words) if isinstance(q.value, str) else None
-                yield Column(q.name, q.unit, q.description, np.array(t_s)[known], np.array(column)[known], topic, words)
+                yield Column(
+                    q.name,
+                    q.unit,
+                    q.description,
+                    np.array(t_s)[known],
+                    np.array(column)[known],
+                    topic,
+                    words,
+                )
 
 
 def decide(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool
+    path: Path,
+    config: PipelineConfig,
+    target: int | None,
+    assumed: Mapping[str, float],
+    *,
+    quiet: bool,
 ) -> dict[int, Decisions]:
     """The decisions on a log, by boot."""
     played = play(path, config, target, assumed, quiet=quiet)

@@ -20,14 +20,18 @@ _KEYS = (("boot", "1", "start of the vehicle, from 1"), ("time_s", "s", "since t
 """Columns that every row has: name, unit, description."""
 
 
-def write_csv(path: Path, tables: Sequence[LogTable], columns: Sequence[Column], _: Mapping[str, str]) -> None:
+def write_csv(
+    path: Path, tables: Sequence[LogTable], columns: Sequence[Column], _: Mapping[str, str]
+) -> None:
     """Names with their units in the first line, empty cells where a column has no sample."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*(name for name, _, _ in _KEYS), *(c.name for c in columns)])
         for boot, t, values in blocks(tables, columns):
             cells = [map(_cell, column.tolist()) for column in values]
-            writer.writerows(zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False))
+            writer.writerows(
+                zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False)
+            )
 
 
 def _cell(value: float | str | None) -> str:
@@ -36,12 +40,18 @@ def _cell(value: float | str | None) -> str:
     return value or ""
 
 
-def write_parquet(path: Path, tables: Sequence[LogTable], columns: Sequence[Column], about: Mapping[str, str]) -> None:
+def write_parquet(
+    path: Path, tables: Sequence[LogTable], columns: Sequence[Column], about: Mapping[str, str]
+) -> None:
     """Units and descriptions stand in the metadata of every column (keys ``unit``, ``description``)."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    kinds = [pa.int16(), pa.float64(), *(pa.float64() if c.words is None else pa.string() for c in columns)]
+    kinds = [
+        pa.int16(),
+        pa.float64(),
+        *(pa.float64() if c.words is None else pa.string() for c in columns),
+    ]
     described = [*_KEYS, *((c.name, c.unit, c.description) for c in columns)]
     fields = [
         pa.field(name, kind, k >= len(_KEYS), {"unit": unit, "description": text})
@@ -51,7 +61,9 @@ def write_parquet(path: Path, tables: Sequence[LogTable], columns: Sequence[Colu
     with parquet.ParquetWriter(path, schema) as writer:
         for boot, t, values in blocks(tables, columns):
             arrays: list[Any] = [np.full(len(t), boot + 1, np.int16), t]
-            arrays += [pa.array(v, k, from_pandas=True) for v, k in zip(values, kinds[2:], strict=True)]
+            arrays += [
+                pa.array(v, k, from_pandas=True) for v, k in zip(values, kinds[2:], strict=True)
+            ]
             writer.write_table(pa.table(arrays, schema=schema))
 
 

@@ -19,11 +19,15 @@ _ROWS = 2000
 """Rows in memory at a time: 10 MB as messages."""
 
 
-def write_mcap(path: Path, tables: Sequence[LogTable], columns: Sequence[Column], about: Mapping[str, str]) -> None:
+def write_mcap(
+    path: Path, tables: Sequence[LogTable], columns: Sequence[Column], about: Mapping[str, str]
+) -> None:
     """A message for every row of a topic that holds a value."""
     from mcap.writer import Writer
 
-    boot_now, shift_ns, last_ns = -1, 0, 0
+    boot_now = -1
+    shift_ns = 0
+    last_ns = 0
     topics = defaultdict[str, list[int]](list)
     for k, column in enumerate(columns):
         topics[column.topic].append(k)
@@ -39,21 +43,32 @@ def write_mcap(path: Path, tables: Sequence[LogTable], columns: Sequence[Column]
         for boot, t_s, values in blocks(tables, columns, _ROWS):
             times = [round(t * 1e9) for t in t_s.tolist()]
             if boot != boot_now:  # a time of MCAP cannot be negative
-                shift_ns = max(-times[0], 0) if boot_now < 0 else last_ns + _BETWEEN_BOOTS_NS - times[0]
-            boot_now, last_ns = boot, times[-1] + shift_ns
+                shift_ns = (
+                    max(-times[0], 0) if boot_now < 0 else last_ns + _BETWEEN_BOOTS_NS - times[0]
+                )
+            boot_now = boot
+            last_ns = times[-1] + shift_ns
             cells = [column.tolist() for column in values]
             for row, time_ns in enumerate(times):
                 for topic, own in topics.items():
-                    known = {columns[k].name: v for k in own if (v := cells[k][row]) is not None and v == v}
+                    known = {
+                        columns[k].name: v
+                        for k in own
+                        if (v := cells[k][row]) is not None and v == v
+                    }
                     if known:
                         content = json.dumps({"boot": boot + 1, **known}).encode()
-                        writer.add_message(channels[topic], time_ns + shift_ns, content, time_ns + shift_ns)
+                        writer.add_message(
+                            channels[topic], time_ns + shift_ns, content, time_ns + shift_ns
+                        )
         writer.finish()
 
 
 def _schema(columns: Sequence[Column]) -> dict[str, Any]:
     """JSON schema of a topic, units in the descriptions."""
-    properties: dict[str, Any] = {"boot": {"type": "integer", "description": "start of the vehicle, from 1"}}
+    properties: dict[str, Any] = {
+        "boot": {"type": "integer", "description": "start of the vehicle, from 1"}
+    }
     for c in columns:
         kind = "number" if c.words is None else "string"
         properties[c.name] = {"type": kind, "description": f"{c.description} [{c.unit}]"}

@@ -30,7 +30,9 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
     if a.workers is not None and not 1 <= a.workers <= 1024:
         raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
     if a.scheduler is not None and "://" not in a.scheduler:
-        raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
+        raise ConfigError(
+            f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786"
+        )
     check_targets(a)
     # A wrong file and a missing package are said once, before the work.
     check_declared(a.vehicle, a.model)
@@ -42,7 +44,9 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
     pages = None if a.report is None else (a.report / "logs").resolve()
     places = {
         "--vehicle": None if a.vehicle is None else a.vehicle.resolve(),
-        "--model": Path(a.model).resolve() if a.model is not None and Path(a.model).is_dir() else a.model,
+        "--model": Path(a.model).resolve()
+        if a.model is not None and Path(a.model).is_dir()
+        else a.model,
         "--target-system": a.target_system,
     }
     jobs = [Job.of(a.command, path.resolve(), {**options, **places}, pages) for path in paths]
@@ -53,12 +57,16 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
         print(f"replay: {line}", file=sys.stderr)
     written = {
         "table": str(write_document("--out", out / "table.csv", table(answers))),
-        "page": str(write_document("--report", (a.report or out) / "report.html", page(title, answers))),
+        "page": str(
+            write_document("--report", (a.report or out) / "report.html", page(title, answers))
+        ),
     }
     if a.json is not None:
         write_json({"folder": str(folder), "logs": answers, **written}, a.json)
     if speaks(a):
-        print(f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: {written['page']}")
+        print(
+            f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: {written['page']}"
+        )
     return 0 if len(bad) < len(jobs) else LogError.exit_code
 
 
@@ -71,7 +79,9 @@ def _answers(a: argparse.Namespace, out: Path, jobs: list[Job]) -> dict[Job, dic
     if waiting:
         working = work(waiting, a.workers or len(os.sched_getaffinity(0)), a.scheduler)
         bar = True if a.quiet else None  # None: only to a terminal
-        for job, answer in tqdm(working, total=len(jobs), initial=len(answers), unit="log", disable=bar, leave=False):
+        for job, answer in tqdm(
+            working, total=len(jobs), initial=len(answers), unit="log", disable=bar, leave=False
+        ):
             keep(out, job, answer)
             answers[job] = answer
     return answers

@@ -42,13 +42,21 @@ class Job:
     """Folder for a folder with the page of this log; None: no page."""
 
     @classmethod
-    def of(cls, command: str, log: Path, options: Mapping[str, Any], pages: Path | None = None) -> Job:
+    def of(
+        cls, command: str, log: Path, options: Mapping[str, Any], pages: Path | None = None
+    ) -> Job:
         """``options`` by their names on the command line; those that are None are left out, of lists each is given."""
         words = [command, str(log)]
         for option, value in options.items():
-            words += [f"{option}={v}" for v in (value if isinstance(value, list) else [value]) if v is not None]
+            words += [
+                f"{option}={v}"
+                for v in (value if isinstance(value, list) else [value])
+                if v is not None
+            ]
         stat = log.stat()
-        digest = hashlib.sha256(json.dumps([words, installed_version(), stat.st_size, stat.st_mtime_ns]).encode())
+        digest = hashlib.sha256(
+            json.dumps([words, installed_version(), stat.st_size, stat.st_mtime_ns]).encode()
+        )
         vehicle, model = (Path(options.get(name) or "") for name in ("--vehicle", "--model"))
         for file in (vehicle, model / "model.json", model / "weights.npz"):
             if file.is_file():
@@ -63,7 +71,11 @@ class Job:
     @property
     def link(self) -> str | None:
         """To that page, from the page of the folder; None where there is none."""
-        return f"logs/{self.name}/report.html" if self.page is not None and self.page.is_file() else None
+        return (
+            f"logs/{self.name}/report.html"
+            if self.page is not None and self.page.is_file()
+            else None
+        )
 
 
 _running: list[subprocess.Popen[str]] = []
@@ -100,16 +112,22 @@ def error_text(stderr: str, code: int) -> str:
     lines = [line for line in stderr.splitlines() if line.strip()]
     if lines and lines[0].startswith("Traceback"):
         return f"the program broke ({lines[-1]}); please report it"
-    return "\n".join(line.removeprefix("replay: ") for line in lines[-_MOST_LINES:]) or f"ended with exit code {code}"
+    return (
+        "\n".join(line.removeprefix("replay: ") for line in lines[-_MOST_LINES:])
+        or f"ended with exit code {code}"
+    )
 
 
-def work(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[tuple[Job, dict[str, Any]]]:
+def work(
+    jobs: Sequence[Job], workers: int, scheduler: str | None
+) -> Iterator[tuple[Job, dict[str, Any]]]:
     """Answers in the order in which they come, of processes of this machine or of a Dask cluster."""
     with _pool(jobs[0].words[0], workers, scheduler) as pool:
         futures = {pool.submit(perform, job): job for job in jobs}
         try:
             for future in as_completed(futures):
-                job, problem = futures[future], future.exception()
+                job = futures[future]
+                problem = future.exception()
                 if problem is None:
                     yield job, future.result()
                 else:  # a worker of the cluster died with it

@@ -33,14 +33,19 @@ def page(title: str, answers: Sequence[Answer]) -> str:
         length=lasted(sum(a["duration_s"] for a in good)),
         verdicts=Counter(a["verdict"] for a in good).most_common() if diagnosed else [],
         reason=_reason,
-        columns=("log", "answer", "judged") if diagnosed else ("log", "compensated", "main reason for no offset"),
+        columns=("log", "answer", "judged")
+        if diagnosed
+        else ("log", "compensated", "main reason for no offset"),
     )
 
 
 def _diagnosed(judged: Sequence[Answer]) -> tuple[str, str]:
     """Verdict and next action from the effects that the logs show."""
     if not any(a["effects"] for a in judged):
-        return "No log shows an effect that the model lacks", "nothing: the model explains these logs."
+        return (
+            "No log shows an effect that the model lacks",
+            "nothing: the model explains these logs.",
+        )
     common = common_effects(judged)
     if not common:
         return (
@@ -63,7 +68,9 @@ def common_effects(judged: Sequence[Answer]) -> list[list[str]]:
     for name, _ in named.most_common():
         if shown[name] < max(_COMMON * len(judged), 2.0):
             continue
-        beside = next((known for known in out if any({name, known[0]} <= group for group in groups)), None)
+        beside = next(
+            (known for known in out if any({name, known[0]} <= group for group in groups)), None
+        )
         if beside is None:
             out.append([name])
         else:

@@ -27,7 +27,11 @@ def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
     """Every log below a folder in order of name, and a line for what looks like one and cannot be read."""
     files = sorted(p for p in folder.rglob("*") if p.is_file())
     found = [p for p in files if p.suffix.lower() in READERS]
-    packed = [p for p in files if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in READERS]
+    packed = [
+        p
+        for p in files
+        if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in READERS
+    ]
     notes = [f"{p}: is compressed: unpack it first" for p in packed]
     if not found:
         known = ", ".join(READERS)
@@ -47,7 +51,9 @@ def known(out: Path, job: Job) -> dict[str, Any] | None:
 def keep(out: Path, job: Job, answer: dict[str, Any]) -> None:
     """Write an answer; an interruption leaves the whole file or none. Raises ConfigError."""
     target = _file(out, job)
-    part = write_document("--out", target.with_suffix(".part"), json.dumps(answer, indent=1, allow_nan=False) + "\n")
+    part = write_document(
+        "--out", target.with_suffix(".part"), json.dumps(answer, indent=1, allow_nan=False) + "\n"
+    )
     os.replace(part, target)
 
 
@@ -74,7 +80,9 @@ def table(answers: Sequence[dict[str, Any]]) -> str:
     """As CSV: a row a log, a column a name, empty where a log lacks it."""
     rows = [row(answer) for answer in answers]
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(dict.fromkeys(name for r in rows for name in r)), lineterminator="\n")
+    writer = csv.DictWriter(
+        text, list(dict.fromkeys(name for r in rows for name in r)), lineterminator="\n"
+    )
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()

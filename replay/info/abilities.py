@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
 from replay.info.settings import ARDUPILOT, change_for, older_than, parameter_missing
@@ -64,7 +66,11 @@ def _forces(log: FlightLog) -> Judged:
     imu = max(log.imus, key=lambda i: _rate(i.specific_force), default=None)
     rate = 0.0 if imu is None else _rate(imu.specific_force)
     if imu is None or rate < FORCE_RATE_HZ:
-        why = f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed" if rate else "no accelerometer"
+        why = (
+            f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed"
+            if rate
+            else "no accelerometer"
+        )
         return Extent.NO, why, change_for(log, "imu")
     if imu.clipped:
         why = f"the accelerometer clipped {imu.clipped} times: its mean cannot be trusted"
@@ -79,7 +85,11 @@ def _moments(log: FlightLog) -> Judged:
     rates = [_rate(i.gyro) for i in log.imus] + [_rate(log.rates)]
     rate = max(rates)
     if rate < MOMENT_RATE_HZ:
-        why = f"angular rates at {rate:.1f} Hz; {MOMENT_RATE_HZ:.0f} Hz are needed" if rate else "no angular rates"
+        why = (
+            f"angular rates at {rate:.1f} Hz; {MOMENT_RATE_HZ:.0f} Hz are needed"
+            if rate
+            else "no angular rates"
+        )
         return Extent.NO, why, change_for(log, "imu")
     return Extent.YES, f"angular rates at {rate:.0f} Hz", ""
 
@@ -107,7 +117,9 @@ def _rotors(log: FlightLog, vehicle: Vehicle | None) -> Judged:
         why += "; servo outputs are there"
         change = f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)"
         return Extent.PARTLY, why, change
-    change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {change_for(log, 'servo')}"
+    change = (
+        f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {change_for(log, 'servo')}"
+    )
     return Extent.NO, why, change
 
 
@@ -120,12 +132,15 @@ def _by_outputs(log: FlightLog) -> Judged:
 
 def _range(log: FlightLog, *directions: str) -> Judged:
     """Of the directions that look at a surface the one with most good readings."""
-    seen = {direction: beam for direction in directions if (beam := log.beam(direction)) is not None}
+    seen = {
+        direction: beam for direction in directions if (beam := log.beam(direction)) is not None
+    }
     if not seen:
         why = f"no rangefinder looks {' or '.join(directions)}"
         return Extent.NO, why, change_for(log, "range", directions)
     direction, beam = max(seen.items(), key=lambda item: len(item[1].good))
-    rate, share = _rate(beam.distance), beam.share_good
+    rate = _rate(beam.distance)
+    share = beam.share_good
     why = f"{beam.source} {direction} at {rate:.0f} Hz, {share:.0%} of the readings good"
     if not len(beam.good):
         return Extent.NO, why, "nothing, if nothing was in reach; else check the sensor's limits"
@@ -136,9 +151,12 @@ def _range(log: FlightLog, *directions: str) -> Judged:
 
 def _channels(log: FlightLog) -> Iterator[Ability]:
     temperature = any(esc.temperature_c is not None for esc in log.escs.values())
-    battery = log.battery is not None and math.isfinite(float(log.battery.values[:, 0].max(initial=-math.inf)))
+    battery = log.battery is not None and math.isfinite(
+        float(log.battery.values[:, 0].max(initial=-math.inf))
+    )
+    moving = log.velocity is not None and bool(np.isfinite(log.velocity.values[:, :2]).any())
     for question, there, quantity, there_text in (
-        ("wind and drag", log.velocity is not None, "position", "velocity in the log"),
+        ("wind and drag", moving, "position", "velocity in the log"),
         ("battery sag", battery, "battery", "battery voltage in the log"),
         ("thermal derating", temperature, "temperature", "ESC temperatures in the log"),
         ("air density", log.pressure is not None, "pressure", "static pressure in the log"),

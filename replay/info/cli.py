@@ -26,10 +26,25 @@ def add_parser(commands: Any) -> None:
         description="What is in a log, at which rates and with which gaps; what can and cannot be judged with it, and "
         "the parameter that would change that; with --companion, whether it would have engaged.",
     )  # fmt: skip
-    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; a folder: one line a log")
-    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from each log)")
-    p.add_argument("--companion", action="store_true", help="decide as companion would have, too: takes longer")
-    p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
+    p.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help=".tlog, .BIN or .ulg; a folder: one line a log",
+    )
+    p.add_argument(
+        "--vehicle",
+        type=vehicle_path,
+        metavar="FILE",
+        help="vehicle file (default: drafted from each log)",
+    )
+    p.add_argument(
+        "--companion", action="store_true", help="decide as companion would have, too: takes longer"
+    )
+    p.add_argument(
+        "--model", metavar="DIR", help="model directory, or none (default: the shipped model)"
+    )
     p.add_argument(
         "--param", action="append", default=[], metavar="NAME=VALUE",
         help="take an autopilot parameter as given where a log lacks it, such as GUID_OPTIONS=8",
@@ -61,7 +76,9 @@ def run(a: argparse.Namespace) -> int:
     failed = 0
     for path in progress_bar(a)(list(named)):
         asked = partial(of_logs, a.vehicle, a.model, [path], known, a.target_system)
-        refusal, vehicle, draft = "", None, None
+        refusal = ""
+        vehicle = None
+        draft = None
         try:
             vehicle, chosen, draft = asked(measured=a.companion)
         except LogError as error:
@@ -77,7 +94,9 @@ def run(a: argparse.Namespace) -> int:
             continue
         if a.companion and vehicle is not None:
             config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
-            answer = replace(answer, companion=decided(path, config, a.target_system, assumed, quiet=a.quiet))
+            answer = replace(
+                answer, companion=decided(path, config, a.target_system, assumed, quiet=a.quiet)
+            )
         elif a.companion:
             answer = replace(answer, companion=unasked(refusal))
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))

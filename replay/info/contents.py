@@ -35,7 +35,11 @@ class Stream:
 
 def streams(log: FlightLog) -> list[Stream]:
     """Every quantity of one boot that holds a sample."""
-    return [_stream(name, series, good) for name, series, good in _series(log) if series is not None and len(series)]
+    return [
+        _stream(name, series, good)
+        for name, series, good in _series(log)
+        if series is not None and len(series)
+    ]
 
 
 def _stream(name: str, series: Series, share_good: float | None) -> Stream:
@@ -68,5 +72,13 @@ def _series(log: FlightLog) -> Iterator[tuple[str, Series | None, float | None]]
         yield f"ESC temperature {number}", esc.temperature_c, None
     for port, servo in sorted(log.servo_ports.items()):
         yield f"servo outputs{'' if not port else f' of port {port}'}", servo, None
-    for name in ("battery", "pressure", "thrust_command", "attitude_target", "commands", "wind", "vibration"):
+    for name in (
+        "battery",
+        "pressure",
+        "thrust_command",
+        "attitude_target",
+        "commands",
+        "wind",
+        "vibration",
+    ):
         yield name.replace("_", " "), getattr(log, name), None

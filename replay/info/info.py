@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,20 @@ from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
 from models.errors import LogError
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog, Interval
+from replay.flightlog import FlightLog, Interval, SourceChoice
 from replay.info.abilities import Ability, Extent, abilities
 from replay.info.contents import Stream, streams
 from replay.logs.formats import load
 from replay.numbers import rounded
 from replay.rerun.report import run
 from replay.sources.choose import source_notes, sources_json
-from replay.vehicle.airframe import what_it_is
+from replay.vehicle.airframe import airframe, what_it_is
 
 _BEST = (Extent.YES, Extent.PARTLY, Extent.NO)
-_STACKS: dict[int | None, str] = {None: "unknown", **{stack.value: stack.name.lower() for stack in Stack}}
+_STACKS: dict[int | None, str] = {
+    None: "unknown",
+    **{stack.value: stack.name.lower() for stack in Stack},
+}
 _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
 
@@ -71,12 +74,19 @@ class LogInfo:
 
     def as_line(self, name: str = "") -> str:
         """One line of a list of logs; ``name`` in the place of the file's own."""
-        duration_s, air_s = sum(b.duration_s for b in self.boots), sum(b.air_s for b in self.boots)
+        duration_s = sum(b.duration_s for b in self.boots)
+        air_s = sum(b.air_s for b in self.boots)
         of_boots = zip(*(b.judges for b in self.boots), strict=True)
         best = [min(same, key=lambda a: _BEST.index(a.answer)) for same in of_boots]
-        can = [f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}" for a in best if a.answer != Extent.NO]
+        can = [
+            f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}"
+            for a in best
+            if a.answer != Extent.NO
+        ]
         frame = self.vehicle.partition(", drafted")[0]
-        said = f"{name or Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
+        said = (
+            f"{name or Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
+        )
         if self.refusal:
             return f"{said}; cannot be judged: {self.refusal}"
         return f"{said}; can be judged: {', '.join(can) or 'nothing'}"
@@ -87,7 +97,11 @@ class LogInfo:
         for boot in self.boots:
             out += _boot_text(boot)
         out += [f"replay diagnose refuses it: {self.refusal}" if self.refusal else self.as_line()]
-        out += [] if self.companion is None else [f"companion with '{self.vehicle}' {self.companion['text']}"]
+        out += (
+            []
+            if self.companion is None
+            else [f"companion with '{self.vehicle}' {self.companion['text']}"]
+        )
         return "\n".join(out)
 
 
@@ -104,10 +118,22 @@ def inspect(
     ``settings``: the instance to read, by quantity.
     """
     logs = load(path, target_system, settings)
-    boots = [_boot(log, vehicle) for log in logs]
+    boots = [_boot(_with_frame(log), vehicle) for log in logs]
     flown = next((log for log in logs if log.armed), logs[0])
     name = what_it_is(flown) if vehicle is None else vehicle.name
     return LogInfo(str(path), path.stat().st_size, name, boots, refusal)
+
+
+def _with_frame(log: FlightLog) -> FlightLog:
+    """The log with its frame among what was chosen."""
+    try:
+        frame = airframe(log)
+    except LogError as error:
+        why = str(error).removeprefix(f"{log.path}: ")
+        said = SourceChoice(quantity="frame", chosen=what_it_is(log), why=why)
+    else:
+        said = SourceChoice(quantity="frame", chosen=frame.name, why=frame.source)
+    return replace(log, sources=(*log.sources, said))
 
 
 def unasked(refusal: str) -> dict[str, Any]:
@@ -116,7 +142,12 @@ def unasked(refusal: str) -> dict[str, Any]:
 
 
 def decided(
-    path: Path, config: PipelineConfig, target_system: int | None, assumed: Mapping[str, float], *, quiet: bool
+    path: Path,
+    config: PipelineConfig,
+    target_system: int | None,
+    assumed: Mapping[str, float],
+    *,
+    quiet: bool,
 ) -> dict[str, Any]:
     """What the pipeline of flight decides on a log, in seconds and in words."""
     try:
@@ -127,7 +158,12 @@ def decided(
     numbers = {key: summary.as_json()[key] for key in ("compensated_s", "duration_s", "refusals_s")}
     engages = numbers["compensated_s"] > 0.0
     verdict = "would have engaged" if engages else "would not have engaged"
-    return {"engages": engages, **numbers, "refusal": None, "text": f"{verdict}: {summary.as_text()}"}
+    return {
+        "engages": engages,
+        **numbers,
+        "refusal": None,
+        "text": f"{verdict}: {summary.as_text()}",
+    }
 
 
 def _boot(log: FlightLog, vehicle: Vehicle | None) -> BootInfo:
@@ -174,7 +210,9 @@ def _boot_text(boot: BootInfo) -> list[str]:
     for s in boot.streams:
         rate = "once" if s.rate_hz is None else f"{s.rate_hz:.1f} Hz"
         good = "" if s.share_good is None else f", {s.share_good:.0%} good"
-        out.append(f"  {s.name:<26} {s.count:>8} {rate:>9} {s.gaps:>5} {s.longest_gap_s:>6.2f} s  {s.source}{good}")
+        out.append(
+            f"  {s.name:<26} {s.count:>8} {rate:>9} {s.gaps:>5} {s.longest_gap_s:>6.2f} s  {s.source}{good}"
+        )
     out += [f"  read from {note}" for note in boot.read_from]
     out.append("  can be judged")
     for a in boot.judges:

@@ -55,7 +55,9 @@ _TLOG_PX4 = {
 }
 _ULG = {
     **_TLOG_PX4,
-    **dict.fromkeys(("imu", "attitude", "servo", "pressure", "thrust"), "SDLOG_PROFILE with bit 0 (default)"),
+    **dict.fromkeys(
+        ("imu", "attitude", "servo", "pressure", "thrust"), "SDLOG_PROFILE with bit 0 (default)"
+    ),
     "position": "a position estimate (GPS, flow or vision)",
     "range": "the sensor's own SENS_EN_… or SENS_…_CFG and its rotation parameter ({})",
     "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), and MOT_POLE_COUNT",
@@ -110,7 +112,9 @@ def _of_version(log: FlightLog, said: str) -> str:
 def parameter_missing(log: FlightLog, name: str, since: tuple[int, int]) -> str:
     """What to do where the log of an ArduCopter of unknown version holds parameters, but not ``name``."""
     if suffix_of(log.path) == ".bin" and log.parameters:
-        return "ArduCopter has {} from {}.{} on; if this one is as new, the file was cut".format(name, *since)
+        return "ArduCopter has {} from {}.{} on; if this one is as new, the file was cut".format(
+            name, *since
+        )
     return change_for(log, "parameters")
 
 

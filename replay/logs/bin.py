@@ -40,7 +40,14 @@ _STAMPED = (
 _HEAD = b"\xa3\x95"
 _FMT = 128
 _FMT_TYPE = np.dtype(
-    [("head", "V3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
+    [
+        ("head", "V3"),
+        ("type", "u1"),
+        ("length", "u1"),
+        ("name", "S4"),
+        ("format", "S16"),
+        ("columns", "S64"),
+    ]
 )
 _SHORTEST = 3
 """Bytes of a message without fields."""
@@ -93,9 +100,13 @@ class MessageFormat:
 def _declared(message: bytes) -> MessageFormat:
     """What a FMT message declares; the same bytes declare the same."""
     declared = np.frombuffer(message, _FMT_TYPE)[0]
-    name, formats, columns = (declared[k].decode("ascii", "replace") for k in ("name", "format", "columns"))
+    name, formats, columns = (
+        declared[k].decode("ascii", "replace") for k in ("name", "format", "columns")
+    )
     fields = tuple(columns.split(",")) if columns else ()
-    known = all(c in FORMAT_TO_STRUCT for c in formats) and len(set(fields)) == len(fields) == len(formats)
+    known = all(c in FORMAT_TO_STRUCT for c in formats) and len(set(fields)) == len(fields) == len(
+        formats
+    )
     pairs = list(zip(fields, formats, strict=True)) if known else []
     return MessageFormat(
         number=int(declared["type"]),
@@ -103,7 +114,9 @@ def _declared(message: bytes) -> MessageFormat:
         length=int(declared["length"]),
         fields=fields,
         dtype=np.dtype([("head", "V3"), *((f, _numpy(c)) for f, c in pairs)]) if known else None,
-        divisors={f: 1.0 / FORMAT_TO_STRUCT[c][1] for f, c in pairs if FORMAT_TO_STRUCT[c][1] is not None},
+        divisors={
+            f: 1.0 / FORMAT_TO_STRUCT[c][1] for f, c in pairs if FORMAT_TO_STRUCT[c][1] is not None
+        },
     )
 
 
@@ -139,13 +152,19 @@ class Dataflash:
 
     def of(self, name: str) -> Messages:
         """All messages of a name; none where there are none. A field that a declaration lacks is NaN."""
-        parts = [self._messages(kind, offsets, content) for kind, offsets, content in self._records(name)]
+        parts = [
+            self._messages(kind, offsets, content) for kind, offsets, content in self._records(name)
+        ]
         if len(parts) == 1:
             return parts[0]
         fields = dict.fromkeys(f for part in parts for f in part.data)
         t_s = np.concatenate([np.empty(0), *(part.t_s for part in parts)])
-        whole = Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
-        in_file = np.argsort(np.concatenate([np.empty(0, np.int64), *(p for _, p, _ in self._records(name))]))
+        whole = Messages(
+            name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields}
+        )
+        in_file = np.argsort(
+            np.concatenate([np.empty(0, np.int64), *(p for _, p, _ in self._records(name))])
+        )
         return whole.where(in_file)
 
     def texts(self) -> Iterator[tuple[float, str]]:
@@ -159,7 +178,11 @@ class Dataflash:
         """PARM in the order of the file: time [s] (before all others where it is unknown), name, value."""
         found: list[tuple[int, Row]] = []
         for kind, offsets, content in self._records("PARM"):
-            if _letter(content, "Name") not in _TEXT or _letter(content, "Value") not in ("f", "i", "u"):
+            if _letter(content, "Name") not in _TEXT or _letter(content, "Value") not in (
+                "f",
+                "i",
+                "u",
+            ):
                 continue
             times = np.nan_to_num(self._times(kind, offsets, content), nan=-math.inf)
             names = map(_text, content["Name"])
@@ -168,7 +191,9 @@ class Dataflash:
             found += [(offset, row) for offset, row in zip(offsets.tolist(), rows, strict=True)]
         return [row for _, row in sorted(found) if math.isfinite(row[2])]
 
-    def _records(self, *names: str) -> Iterator[tuple[MessageFormat, NDArray[np.int64], NDArray[Any]]]:
+    def _records(
+        self, *names: str
+    ) -> Iterator[tuple[MessageFormat, NDArray[np.int64], NDArray[Any]]]:
         """Of every declaration of these names: offsets (n,) of its messages, and their fields (n,)."""
         data = np.frombuffer(self.data, np.uint8)
         for kind, offsets in self.places.items():
@@ -176,14 +201,18 @@ class Dataflash:
                 raw = np.ascontiguousarray(sliding_window_view(data, kind.length)[offsets])
                 yield kind, offsets, raw.view(kind.dtype).reshape(-1)
 
-    def _messages(self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]) -> Messages:
+    def _messages(
+        self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]
+    ) -> Messages:
         """Numbers as they are meant; text is left out."""
         factors = self._factors(kind)
         numbers: dict[str, NDArray[Any]] = {}
         for name in content.dtype.names or ():
             if _letter(content, name) in _TEXT:
                 continue
-            numbers[name] = content[name] / kind.divisors[name] if name in kind.divisors else content[name]
+            numbers[name] = (
+                content[name] / kind.divisors[name] if name in kind.divisors else content[name]
+            )
             if name in factors:
                 numbers[name] = numbers[name] * factors[name]
         return Messages(kind.name, believable(self._times(kind, offsets, content)), numbers)
@@ -193,12 +222,16 @@ class Dataflash:
 
         A format with a divisor of its own needs no multiplier. Times are read as microseconds, whatever is declared.
         """
-        declared = [d for d in self._declared_units if d[0] == kind.number and len(d[1]) == len(kind.fields)]
+        declared = [
+            d for d in self._declared_units if d[0] == kind.number and len(d[1]) == len(kind.fields)
+        ]
         if not declared:
             return {}
         out = {}
         _, units, multipliers = declared[-1]
-        for field, unit, sign in zip(kind.fields, units, multipliers.ljust(len(units), "-"), strict=False):
+        for field, unit, sign in zip(
+            kind.fields, units, multipliers.ljust(len(units), "-"), strict=False
+        ):
             multiplier = self._multipliers.get(sign, 0.0)
             own = field in kind.divisors or not multiplier > 0.0
             factor = _FACTORS.get(self._units.get(unit, ""), 1.0) * (1.0 if own else multiplier)
@@ -212,8 +245,13 @@ class Dataflash:
         out = []
         for kind, _, content in self._records("FMTU"):
             if {"FmtType", "UnitIds", "MultIds"} <= set(kind.fields):
-                rows = zip(content["FmtType"].tolist(), content["UnitIds"], content["MultIds"], strict=True)
-                out += [(number, _text(units), _text(multipliers)) for number, units, multipliers in rows]
+                rows = zip(
+                    content["FmtType"].tolist(), content["UnitIds"], content["MultIds"], strict=True
+                )
+                out += [
+                    (number, _text(units), _text(multipliers))
+                    for number, units, multipliers in rows
+                ]
         return out
 
     @functools.cached_property
@@ -232,7 +270,9 @@ class Dataflash:
             if {"Id", value} <= set(kind.fields):
                 yield from ((chr(int(row["Id"])), row[value]) for row in content)
 
-    def _times(self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]) -> Array:
+    def _times(
+        self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]
+    ) -> Array:
         """Boot times [s] (n,); a message without a stamp is as old as the message before it."""
         if kind.stamp:
             return _stamps(kind, content)
@@ -247,12 +287,18 @@ class Dataflash:
         """Where the times are from."""
         if len(self._clock[0]):
             return "TimeUS or TimeMS of the messages"
-        return "time of GPS, between in the order of the file" if len(self._gps_clock[0]) else "none"
+        return (
+            "time of GPS, between in the order of the file" if len(self._gps_clock[0]) else "none"
+        )
 
     @functools.cached_property
     def _clock(self) -> tuple[NDArray[np.int64], Array]:
         """Offsets (m,) of the messages with a stamp, in file order, and their times (m,) [s]."""
-        stamped = [(offsets, _stamps(kind, c)) for kind, offsets, c in self._records(*_STAMPED) if kind.stamp]
+        stamped = [
+            (offsets, _stamps(kind, c))
+            for kind, offsets, c in self._records(*_STAMPED)
+            if kind.stamp
+        ]
         place = np.concatenate([np.empty(0, np.int64), *(offsets for offsets, _ in stamped)])
         order = np.argsort(place)
         return place[order], np.concatenate([np.empty(0), *(t_s for _, t_s in stamped)])[order]
@@ -265,7 +311,9 @@ class Dataflash:
         """
         for kind, offsets, content in self._records(*_GPS):
             field = next((field for field in ("T", "TimeMS", "Time") if field in kind.fields), None)
-            t_s = np.zeros(len(offsets)) if field is None else np.asarray(content[field], float) / 1e3
+            t_s = (
+                np.zeros(len(offsets)) if field is None else np.asarray(content[field], float) / 1e3
+            )
             newest = np.maximum.accumulate(np.concatenate([[0.0], believable(t_s)]))
             grown = np.flatnonzero(t_s > newest[:-1])
             if len(grown) > 1:
@@ -276,13 +324,16 @@ class Dataflash:
         """The same, split where the clock starts anew: a reboot in flight that went on in the same log."""
         place, t_s = self._clock
         good = np.isfinite(believable(t_s))
-        place, t_s = place[good], t_s[good]
+        place = place[good]
+        t_s = t_s[good]
         if not len(place):
             return [self]
         following = np.pad(t_s[1:], (0, _DECIDING), constant_values=-1.0)
         highest_next = sliding_window_view(following, _DECIDING)[: len(t_s) - 1].max(axis=1)
         cuts = place[1:][t_s[:-1] - highest_next > _BACK_S].tolist()
-        return [self._part(first, end) for first, end in itertools.pairwise([0, *cuts, len(self.data)])]
+        return [
+            self._part(first, end) for first, end in itertools.pairwise([0, *cuts, len(self.data)])
+        ]
 
     def _part(self, first: int, end: int) -> Dataflash:
         """The messages of first <= offset < ``end``, with what was declared and set before."""
@@ -305,8 +356,15 @@ def read_boots(path: Path) -> list[Dataflash]:
     check_head(path, data, _HEAD, "ArduPilot dataflash log")
     walk = _Walk(data)
     notes += walk.notes()
-    found = [{kind: np.frombuffer(places, np.int64) for kind, places in boot.items()} for boot in walk.boots if boot]
-    logs = [Dataflash(path=path, boot=0, size=len(raw), data=data, places=p, notes=tuple(notes)) for p in found]
+    found = [
+        {kind: np.frombuffer(places, np.int64) for kind, places in boot.items()}
+        for boot in walk.boots
+        if boot
+    ]
+    logs = [
+        Dataflash(path=path, boot=0, size=len(raw), data=data, places=p, notes=tuple(notes))
+        for p in found
+    ]
     starts = [part for log in logs for part in log.starts()]
     return [replace(part, boot=number) for number, part in enumerate(starts)]
 
@@ -320,7 +378,9 @@ class _Walk:
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._fmt = MessageFormat(number=_FMT, name="FMT", length=_FMT_TYPE.itemsize, dtype=_FMT_TYPE, divisors={})
+        self._fmt = MessageFormat(
+            number=_FMT, name="FMT", length=_FMT_TYPE.itemsize, dtype=_FMT_TYPE, divisors={}
+        )
         self._kinds: list[MessageFormat | None] = [None] * 256
         self._kinds[_FMT] = self._fmt
         self._doubted: dict[int, list[MessageFormat]] = {}
@@ -330,8 +390,10 @@ class _Walk:
         self._anew: dict[str, str] = {}
         boot: dict[MessageFormat, array[int]] = {}
         self.boots = [boot]
-        n, i = len(data), 0
-        kinds, doubted = self._kinds, self._doubted
+        n = len(data)
+        i = 0
+        kinds = self._kinds
+        doubted = self._doubted
         while i + _SHORTEST <= n:
             kind = kinds[data[i + 2]] if data[i] == _HEAD[0] and data[i + 1] == _HEAD[1] else None
             if kind is None:
@@ -359,7 +421,11 @@ class _Walk:
         before = self._kinds[new.number]
         if before is new or new.number == _FMT:
             return
-        possible = [kind for kind in (new, _summed(new), before) if kind is not None and kind.length >= _SHORTEST]
+        possible = [
+            kind
+            for kind in (new, _summed(new), before)
+            if kind is not None and kind.length >= _SHORTEST
+        ]
         if possible:
             self._kinds[new.number] = possible[0]
         if len(possible) > 1:
@@ -385,7 +451,11 @@ class _Walk:
         while (at := data.find(_HEAD, at)) >= 0 and at + 2 < len(data):
             number = data[at + 2]
             kind = self._kinds[number]
-            if number in self._undeclared if kind is None else kind.fits(data, at) or number in self._doubted:
+            if (
+                number in self._undeclared
+                if kind is None
+                else kind.fits(data, at) or number in self._doubted
+            ):
                 break
             at += 1
         else:
@@ -405,8 +475,13 @@ class _Walk:
         undeclared = {number: count for number, count in self._undeclared.items() if count > 1}
         if undeclared:
             types = ", ".join(map(str, sorted(undeclared)))
-            out.append(f"{sum(undeclared.values())} messages not read: no FMT declares their type ({types})")
-        out += [f"{name} is declared anew in the midst of the log{gone}" for name, gone in self._anew.items()]
+            out.append(
+                f"{sum(undeclared.values())} messages not read: no FMT declares their type ({types})"
+            )
+        out += [
+            f"{name} is declared anew in the midst of the log{gone}"
+            for name, gone in self._anew.items()
+        ]
         if self._skipped:
             out.append(f"{self._skipped} bytes that are no message skipped")
         if self._rest > 0:

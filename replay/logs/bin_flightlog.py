@@ -29,7 +29,16 @@ from replay.flightlog import (
     Stated,
 )
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
-from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
+from replay.logs.columns import (
+    Messages,
+    imu_record,
+    quaternions,
+    range_beam,
+    runs,
+    tidy,
+    time_span,
+    unflipped,
+)
 from replay.logs.parameters import change_notes, in_force, take_off
 
 _ARDUPILOT, _QUADROTOR = 3, 2
@@ -43,7 +52,10 @@ _RANGE_GOOD = 4
 _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
-_CENTI, _MILLI = 0.01, 0.001
+_CENTI = 0.01
+_MILLI = 0.001
+_FILTERS = (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK"))
+"""States of a filter, its status, and the parameter with the IMUs of its cores: EKF3 and EKF2."""
 _OUTPUT_NAMES = ("C", "Ch", "Chan", "Mot")
 """Of the outputs: in RCOU of today, of ArduCopter 3.3, and before; in MOT."""
 _PORTS = 2
@@ -64,7 +76,9 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
         except LogError as error:  # a boot without attitude, IMU and filter
             problem = error
         except (KeyError, ValueError, TypeError, OverflowError) as error:
-            problem = LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?")
+            problem = LogError(
+                f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?"
+            )
     if not logs:
         raise problem
     return logs
@@ -74,11 +88,13 @@ def flightlog(data: Dataflash) -> FlightLog:
     """All columns. Raises LogError without attitude, IMU and filter output."""
     spanning = [data.of(kind).t_s for kind in ("ATT", *IMUS, *EKF)]
     start, end = time_span(data.path, spanning, "ATT, IMU or EKF message")
-    imus, texts = _imus(data), list(data.texts())
+    imus = _imus(data)
+    texts = list(data.texts())
     lanes = _lanes(data)
     armed = _armed(data, start, end)
     parameters, changes = in_force(data.parameters(), take_off(armed))
-    vibration, modes = _of(data.of("VIBE"), "IMU"), data.of("MODE")
+    vibration = _of(data.of("VIBE"), "IMU")
+    modes = data.of("MODE")
     return FlightLog(
         path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
         vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in texts) else None,
@@ -140,24 +156,76 @@ def _lanes(data: Dataflash) -> dict[str, Lane]:
             )
             if lane.position is not None:
                 out[f"{kind} core {core}"] = lane
+    for kind, status, _ in _FILTERS:
+        out = _with_switches(out, kind, _primary(data, status))
     return out
 
 
-def _stated(data: Dataflash, lanes: Mapping[str, Lane], parameters: Mapping[str, float]) -> dict[str, Stated]:
-    """The lane that was primary most of the time (XKF4.PI), and the IMU that this lane uses (EK3_IMU_MASK)."""
-    for kind, status, mask_name in (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK")):
-        primary = _of(data.of(status), "C").column("PI")
-        known = primary[np.isfinite(primary)].astype(np.int64)
-        if not known.size or f"{kind} core 0" not in lanes:
+def _stated(
+    data: Dataflash, lanes: Mapping[str, Lane], parameters: Mapping[str, float]
+) -> dict[str, Stated]:
+    """The lane that was primary (XKF4.PI), and the IMU that it used most of the time (EK3_IMU_MASK)."""
+    for kind, status, mask_name in _FILTERS:
+        primary = _primary(data, status)
+        if primary is None or f"{kind} core 0" not in lanes:
             continue
-        core = int(np.bincount(known).argmax())
-        out = {"position": Stated(f"{kind} core {core}", f"{status}.PI")}
+        core = int(np.bincount(primary.values[:, 0].astype(np.int64)).argmax())
+        used = f"{kind} core {core}"
+        if _switched(kind) in lanes:
+            used = _switched(kind)
+        out = {"position": Stated(used, f"{status}.PI")}
         mask = int(parameters.get(mask_name, 0))
         imus = [bit for bit in range(len(IMUS)) if mask >> bit & 1]
         if core < len(imus):
             out["imu"] = Stated(_imu_name(data, imus[core]), f"{status}.PI, {mask_name}")
         return out
     return {}
+
+
+def _primary(data: Dataflash, status: str) -> Series | None:
+    """Number of the primary core (n, 1)."""
+    messages = _of(data.of(status), "C")
+    return messages.series(messages.column("PI"))
+
+
+def _switched(kind: str) -> str:
+    """Name of the lane that is one core after the other."""
+    return f"{kind} of the core in use"
+
+
+def _with_switches(lanes: dict[str, Lane], kind: str, primary: Series | None) -> dict[str, Lane]:
+    """The lanes, and where the primary core changed a lane that follows it."""
+    if primary is None or float(np.ptp(primary.values)) == 0.0:
+        return lanes
+    cores = np.unique(primary.values).astype(int).tolist()
+    own = {core: lanes.get(f"{kind} core {core}") for core in cores}
+    known = {core: lane for core, lane in own.items() if lane is not None}
+    if len(known) < len(cores):
+        return lanes
+    attitude = _followed({core: one.attitude for core, one in known.items()}, primary)
+    if attitude is not None:
+        attitude = replace(attitude, values=unflipped(attitude.values))
+    lane = Lane(
+        position=_followed({core: one.position for core, one in known.items()}, primary),
+        velocity=_followed({core: one.velocity for core, one in known.items()}, primary),
+        attitude=attitude,
+    )
+    return {_switched(kind): lane} | lanes
+
+
+def _followed(found: Mapping[int, Series | None], primary: Series) -> Series | None:
+    """Samples of each core while it was primary, in order of time."""
+    parts = []
+    for core, series in found.items():
+        if series is None:
+            return None
+        used = primary.at(series.t_s, hold=True)[:, 0]
+        first = series.t_s < primary.t_s[0]
+        used = np.where(first, primary.values[0, 0], used)
+        parts.append(series.rows(used == core))
+    t_s = np.concatenate([part.t_s for part in parts])
+    values = np.concatenate([part.values for part in parts])
+    return tidy(t_s, values, parts[0].source)
 
 
 def _imu_name(data: Dataflash, instance: int) -> str:
@@ -201,7 +269,11 @@ def _healthy(imu: Messages) -> bool | None:
 
 def _clip_count(vibration: Messages, imu: int) -> int:
     """How far the clip counter of one IMU went: ``Clip`` by instance, or ``Clip0 Clip1 Clip2`` in one message."""
-    counts = _of(vibration, "IMU", imu).column("Clip") if "Clip" in vibration else vibration.column(f"Clip{imu}")
+    counts = (
+        _of(vibration, "IMU", imu).column("Clip")
+        if "Clip" in vibration
+        else vibration.column(f"Clip{imu}")
+    )
     known = counts[np.isfinite(counts)]
     return int(known[-1] - known[0]) if known.size else 0
 
@@ -215,7 +287,7 @@ def _servos(data: Dataflash) -> dict[int, Series]:
         series = motors.series(_channels(motors))
     if series is None:
         return {}
-    values = np.nan_to_num(series.values)
+    values = series.values
     for kind in ("RCO2", "RCO3"):
         more = data.of(kind)
         later = more.series(_channels(more))
@@ -292,8 +364,11 @@ def _thrust(tuning: Messages) -> Series | None:
 
 def _beams(ranges: Messages) -> tuple[Beam, ...]:
     """RFND: one message per sensor (Instance, Dist, Stat, Orient), or two sensors in one (Dist1, Orient1 ...)."""
-    columns = [("Dist", _whole(ranges, "Instance", 0), "Orient", _whole(ranges, "Stat", _RANGE_GOOD))] + [
-        (f"Dist{i}", np.full(len(ranges), i - 1), f"Orient{i}", np.full(len(ranges), _RANGE_GOOD)) for i in (1, 2)
+    columns = [
+        ("Dist", _whole(ranges, "Instance", 0), "Orient", _whole(ranges, "Stat", _RANGE_GOOD))
+    ] + [
+        (f"Dist{i}", np.full(len(ranges), i - 1), f"Orient{i}", np.full(len(ranges), _RANGE_GOOD))
+        for i in (1, 2)
     ]
     out: dict[tuple[int, int], Beam] = {}
     for field, sensor, facing, status in columns:
@@ -305,13 +380,17 @@ def _beams(ranges: Messages) -> tuple[Beam, ...]:
     return tuple(beam for _, beam in sorted(out.items(), key=lambda item: item[0]))
 
 
-def _beam(sensor: int, orientation: int, own: Messages, field: str, status: NDArray[Any]) -> Beam | None:
+def _beam(
+    sensor: int, orientation: int, own: Messages, field: str, status: NDArray[Any]
+) -> Beam | None:
     """One sensor; None where it has no reading or its direction is unknown."""
     direction = orientation_direction(orientation)
     series = own.series(np.stack([own.column(field), status], axis=-1))
     if direction is None or series is None:
         return None
-    beam = range_beam(direction, (1, sensor, orientation), Series(series.t_s, series.values[:, :1], series.source))
+    beam = range_beam(
+        direction, (1, sensor, orientation), Series(series.t_s, series.values[:, :1], series.source)
+    )
     states = series.values[:, 1].astype(int).tolist()
     verdicts = tuple(_RANGE_STATES.get(s, v) for s, v in zip(states, beam.verdicts, strict=True))
     return replace(beam, verdicts=verdicts)
@@ -339,7 +418,11 @@ def _escs(data: Dataflash) -> dict[int, EscRecord]:
 def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:
     number = _whole(events, "Id", -1)
     known = np.isin(number, list(meaning))
-    return runs(events.t_s[known], np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64), end)
+    return runs(
+        events.t_s[known],
+        np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64),
+        end,
+    )
 
 
 def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
@@ -354,5 +437,9 @@ def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
         thrust = _thrust(data.of("CTUN"))
         up = np.empty(0) if thrust is None else thrust.t_s[thrust.values[:, 0] > 0.0]
         return (Interval(float(up[0]), float(up[-1]), 1),) if len(up) else ()
-    before = [Interval(start, said[0].start_s, 1)] if not said[0].value and said[0].start_s > start else []
+    before = (
+        [Interval(start, said[0].start_s, 1)]
+        if not said[0].value and said[0].start_s > start
+        else []
+    )
     return (*before, *(i for i in said if i.value))

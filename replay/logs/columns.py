@@ -30,6 +30,8 @@ _CLIP_AT_M_S2 = 3.0 * GRAVITY
 """No multirotor in a hover or a gentle flight reaches 3 g by moving; vibration that does is near the sensor's range."""
 _CLIP_HITS = 3
 """One sample at the extreme is the extreme; exactly the same value three times is a stop."""
+_UNIT = 0.1
+"""A quaternion whose length is further from 1 is none."""
 _STEP_SAMPLES = 20_000
 """Samples that show a grid; more change nothing."""
 
@@ -68,7 +70,9 @@ class Messages:
 
     def where(self, mask: NDArray[Any]) -> Messages:
         """Some of the messages, by a mask (n,) or by their places, in that order."""
-        return Messages(self.name, self.t_s[mask], {name: values[mask] for name, values in self.data.items()})
+        return Messages(
+            self.name, self.t_s[mask], {name: values[mask] for name, values in self.data.items()}
+        )
 
     def series(self, values: Array, source: str = "") -> Series | None:
         """Values (n,) or (n, k) at the times of the messages."""
@@ -79,7 +83,9 @@ def time_span(path: Path, stamps: Sequence[Array], names: str) -> tuple[float, f
     """First and last believable time [s] of several columns. Raises LogError where there is none."""
     known = believable(np.concatenate(stamps)) if stamps else np.empty(0)
     if not np.isfinite(known).any():
-        raise LogError(f"{path}: holds no {names} with a believable time: nothing to replay or diagnose")
+        raise LogError(
+            f"{path}: holds no {names} with a believable time: nothing to replay or diagnose"
+        )
     return float(np.nanmin(known)), float(np.nanmax(known))
 
 
@@ -156,7 +162,8 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
     values = values[:, None] if values.ndim == 1 else values
     keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
     if not keep.all():  # else no copy: columns of one message share their times
-        t_s, values = t_s[keep], values[keep]
+        t_s = t_s[keep]
+        values = values[keep]
     if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
@@ -202,12 +209,23 @@ def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]
     """Intervals over which whole-number ``values`` (n,) stay the same; the last ends at ``end_s``. NaN times
     are left out."""
     known = np.isfinite(t_s)
-    t_s, values = t_s[known], values[known]
+    t_s = t_s[known]
+    values = values[known]
     if not len(t_s):
         return ()
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
     ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
-    return tuple(Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True))
+    return tuple(
+        Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True)
+    )
+
+
+def mounting(q: Array) -> tuple[float, float, float, float]:
+    """The first quaternion of (n, 4) that is one, zeros where none is: some senders give a sensor's only once."""
+    with np.errstate(invalid="ignore"):
+        sound = np.abs(np.linalg.norm(q, axis=1) - 1.0) < _UNIT
+    w, x, y, z = q[sound.argmax()].tolist() if sound.any() else (0.0,) * 4
+    return (w, x, y, z)
 
 
 def unflipped(q: Array) -> Array:
@@ -217,7 +235,11 @@ def unflipped(q: Array) -> Array:
     q = np.where(sound, q / np.where(sound, norm, 1.0), np.nan)
     known = ~np.isnan(q[:, 0])
     dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
-    signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))]) if known.any() else np.empty(0)
+    signs = (
+        np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
+        if known.any()
+        else np.empty(0)
+    )
     out = q.copy()
     out[known] *= signs[:, None]
     return out

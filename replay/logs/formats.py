@@ -17,7 +17,11 @@ from replay.logs.files import HEAD_BYTES, is_text_dataflash
 from replay.logs.rotor_speeds import with_believable_speeds
 from replay.sources.choose import chosen
 
-READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin_flightlog", ".ulg": "replay.logs.ulg"}
+READERS = {
+    ".tlog": "replay.logs.tlog_flightlog",
+    ".bin": "replay.logs.bin_flightlog",
+    ".ulg": "replay.logs.ulg",
+}
 """Suffix (lower case) to the module that reads it; imported when needed."""
 
 _STARTS = {b"\xa3\x95\x80": ".bin", b"ULog\x01\x12\x35": ".ulg"}
@@ -38,7 +42,9 @@ def suffix_of(path: Path) -> str:
             return known
         advice = "; unpack it first" if suffix in _PACKED else _advice_on_text(path)
         what = f"'{path.suffix}'" if path.suffix else "no suffix"
-        raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}")
+        raise LogError(
+            f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}"
+        )
     return suffix
 
 
@@ -82,7 +88,9 @@ def load(
     """
     path = Path(path)
     if path.is_dir():
-        raise LogError(f"{path}: is a directory: name the logs in it; replay run, diagnose and info take directories")
+        raise LogError(
+            f"{path}: is a directory: name the logs in it; replay run, diagnose and info take directories"
+        )
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     reader: Any = import_module(READERS[suffix_of(path)])

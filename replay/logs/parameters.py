@@ -9,7 +9,14 @@ from replay.flightlog import Interval, ParameterChange
 
 _NAMED = 6
 """Changed parameters that a note names; the others are counted."""
-_COUNTERS = ("STAT_", "MIS_TOTAL", "SYS_NUM_RESETS", "COMPASS_OFS", "COM_FLIGHT_UUID", "LND_FLIGHT_T")
+_COUNTERS = (
+    "STAT_",
+    "MIS_TOTAL",
+    "SYS_NUM_RESETS",
+    "COMPASS_OFS",
+    "COM_FLIGHT_UUID",
+    "LND_FLIGHT_T",
+)
 """Beginnings of names that the autopilot itself keeps writing: they are no setting."""
 Row = tuple[float, str, float]
 """Time [s], name, value."""
@@ -20,7 +27,9 @@ def take_off(armed: Sequence[Interval]) -> float:
     return next((interval.start_s for interval in armed if interval.value), math.inf)
 
 
-def in_force(rows: Iterable[Row], take_off_s: float) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
+def in_force(
+    rows: Iterable[Row], take_off_s: float
+) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
     """Of ``rows`` in order of time the values at ``take_off_s``, and what was changed after that.
 
     A name that first appears later was not changed: a log may begin in the air, or with a slow list of parameters.
@@ -42,7 +51,9 @@ def change_notes(changes: Iterable[ParameterChange]) -> list[str]:
     said = {}
     for change in changes:
         if not change.name.startswith(_COUNTERS):
-            said[change.name] = f"{change.name} from {change.before:g} to {change.after:g} at {change.t_s:.0f} s"
+            said[change.name] = (
+                f"{change.name} from {change.before:g} to {change.after:g} at {change.t_s:.0f} s"
+            )
     if not said:
         return []
     first = list(said.values())[:_NAMED]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from models.frames import Array
@@ -21,6 +22,8 @@ LOST_S = 0.5
 """A propeller does not stop and come back within this time: spinning down takes longer (Crazyflie: 0.3 s)."""
 LOST_SHARE = 0.02
 """Share of the speeds from which on zeros between them are a habit of the telemetry: one alone may be a fault."""
+SPIKE = 2.0
+"""A propeller at twice the speed of its neighbours in time would give four times the thrust, and lose it again."""
 BATCH = 4
 """ESCs of one telemetry message."""
 FEWEST_SAMPLES = 20
@@ -52,12 +55,16 @@ def believable_escs(escs: Mapping[int, EscRecord]) -> tuple[dict[int, EscRecord]
         speeds = believable(esc.rpm)
         lost = len(esc.rpm) - (0 if speeds is None else len(speeds))
         if lost > WORTH_A_NOTE * len(esc.rpm):
-            notes.append(f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost frames: left out")
+            notes.append(
+                f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost frames: left out"
+            )
         known[number] = replace(esc, rpm=speeds)
     copies = _repeated(known)
     if copies:
         numbers = ", ".join(map(str, sorted(copies)))
-        notes.append(f"ESC {numbers}: the same numbers as ESC {_sources(copies)}, sent twice: left out")
+        notes.append(
+            f"ESC {numbers}: the same numbers as ESC {_sources(copies)}, sent twice: left out"
+        )
     return {number: esc for number, esc in known.items() if number not in copies}, notes
 
 
@@ -72,9 +79,19 @@ def believable(rpm: Series) -> Series | None:
     if turning.any() and backwards[turning].mean() < REVERSED_SHARE:
         good &= ~backwards
     kept = Series(rpm.t_s[good], np.abs(rpm.values[good]), rpm.source)
-    lost = _lost_frames(kept)
+    lost = _lost_frames(kept) | _spikes(kept)
     kept = Series(kept.t_s[~lost], kept.values[~lost], rpm.source)
     return kept if len(kept) else None
+
+
+def _spikes(rpm: Series) -> NDArray[np.bool_]:
+    """Speeds (n,) above ``SPIKE`` times the median of themselves and two neighbours each side, all turning."""
+    speed = rpm.values[:, 0]
+    if len(speed) < FEWEST_SAMPLES:
+        return np.zeros(len(speed), bool)
+    around = sliding_window_view(np.pad(speed, 2, mode="edge"), 5)
+    median = np.median(around, axis=1)
+    return np.asarray((median > 0.0) & (speed > SPIKE * median))
 
 
 def _lost_frames(rpm: Series) -> NDArray[np.bool_]:

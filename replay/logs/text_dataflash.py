@@ -76,8 +76,12 @@ def binary_of_text(path: Path, data: bytes) -> tuple[bytes, list[str]]:
             continue
         read += 1
     if not read:
-        raise LogError(f"{path}: is a dataflash log as text, but no line fits its FMT line: give the .BIN")
-    return bytes(out), _notes(unfit, "do not fit their FMT line") + _notes(unknown, "have no FMT line")
+        raise LogError(
+            f"{path}: is a dataflash log as text, but no line fits its FMT line: give the .BIN"
+        )
+    return bytes(out), _notes(unfit, "do not fit their FMT line") + _notes(
+        unknown, "have no FMT line"
+    )
 
 
 def _notes(lines: Counter[str], why: str) -> list[str]:
@@ -87,18 +91,27 @@ def _notes(lines: Counter[str], why: str) -> list[str]:
     return [f"{lines.total()} lines not read: they {why} ({names})"]
 
 
-def _declare(rest: str, separator: str, declared: dict[str, _Line], numbers: dict[int, str]) -> bytes:
+def _declare(
+    rest: str, separator: str, declared: dict[str, _Line], numbers: dict[int, str]
+) -> bytes:
     """Learns a FMT line; returns it as a FMT message, or nothing where it cannot be understood."""
     parts = [part.strip() for part in rest.split(separator, _FIELDS_OF_FMT)]
     if len(parts) < _FIELDS_OF_FMT or not parts[0].isdigit():
         return b""
-    name, formats = parts[2], parts[3]
-    columns = ",".join(part.strip() for part in "".join(parts[_FIELDS_OF_FMT:]).replace(";", ",").split(","))
+    name = parts[2]
+    formats = parts[3]
+    columns = ",".join(
+        part.strip() for part in "".join(parts[_FIELDS_OF_FMT:]).replace(";", ",").split(",")
+    )
     if name == "FMT":
         declared.clear()
         numbers.clear()
         return _fmt_message(_FMT, 89, name, "BBnNZ", "Type,Length,Name,Format,Columns")
-    fits = len(name) <= _NAME_BYTES and len(formats) <= _FORMAT_BYTES and len(columns) <= _COLUMNS_BYTES
+    fits = (
+        len(name) <= _NAME_BYTES
+        and len(formats) <= _FORMAT_BYTES
+        and len(columns) <= _COLUMNS_BYTES
+    )
     if not fits or not all(f in FORMAT_TO_STRUCT for f in formats):
         return b""
     number = int(parts[0]) % _TYPES

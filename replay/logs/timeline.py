@@ -90,7 +90,9 @@ def steady(log: Tlog, system: int) -> Tlog:
     if (log.component == OWN_COMPONENT).any():
         return log
     try:
-        parts = [without_steps(part.arrival_us, axis.clock_steps) for part, axis in boots(log, system)]
+        parts = [
+            without_steps(part.arrival_us, axis.clock_steps) for part, axis in boots(log, system)
+        ]
     except LogError:  # without a boot stamp nothing shows a step
         return log
     return replace(log, arrival_us=np.concatenate(parts))
@@ -99,7 +101,8 @@ def steady(log: Tlog, system: int) -> Tlog:
 def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
     """Boot stamps of the autopilot in file order, damaged ones out and the wraps of 32 bits undone: places (n,) of
     their frames, milliseconds (n,)."""
-    places, stamps = [], []
+    places = []
+    stamps = []
     for layout in LAYOUTS.values():
         if layout.stamp is not Stamp.BOOT_MS:
             continue
@@ -112,9 +115,11 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
         raise LogError(
             f"{log.path}: no stamped message of the autopilot (system {system}), such as ATTITUDE: no time axis"
         )
-    place, stamp = np.concatenate(places), np.concatenate(stamps)
+    place = np.concatenate(places)
+    stamp = np.concatenate(stamps)
     order = np.argsort(place)
-    place, stamp = place[order], stamp[order]
+    place = place[order]
+    stamp = stamp[order]
     good = stamp > 0
     if (np.diff(stamp[good]) < -_BACK_MS).sum() > _TWO_CLOCKS * len(stamp):
         raise LogError(
@@ -122,9 +127,12 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
             "give each vehicle its own number (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID) and record again"
         )
     good[outliers(stamp, _BACK_MS)] = False
-    place, stamp = place[good], stamp[good]
+    place = place[good]
+    stamp = stamp[good]
     if not place.size:
-        raise LogError(f"{log.path}: no believable boot time in the autopilot's messages: no time axis")
+        raise LogError(
+            f"{log.path}: no believable boot time in the autopilot's messages: no time axis"
+        )
     wraps = np.diff(stamp) < _PAUSE_MS - _WRAP_MS
     stamp[1:] += np.cumsum(wraps) * _WRAP_MS
     return place, stamp
@@ -135,7 +143,8 @@ class BootAxis:
 
     def __init__(self, log: Tlog, system: int, place: Micros, stamp_us: Micros) -> None:
         """``place``: of the autopilot's stamped frames, shape (m,); ``stamp_us``: their boot times, shape (m,)."""
-        self._log, self._system = log, system
+        self._log = log
+        self._system = system
         self._ours = (log.component == AUTOPILOT_COMPONENT) & (log.system == system)
         self.clock_steps = clock_steps(log.arrival_us, place, stamp_us)
         self._received_us = self._received(place, stamp_us)
@@ -157,7 +166,9 @@ class BootAxis:
         by_place = np.rint(np.interp(everywhere, place, newest_us)).astype(np.int64)
         return np.maximum(np.where(believed, by_arrival, by_place), 0)
 
-    def times(self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None) -> NDArray[np.float64]:
+    def times(
+        self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None
+    ) -> NDArray[np.float64]:
         """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
         received = self._received_us[index]
         if layout.stamp is None or stamps is None:

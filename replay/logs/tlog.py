@@ -51,7 +51,9 @@ class Report:
         """What a reader should know, in words."""
         out = []
         if self.bad_crc or self.skipped_bytes:
-            out.append(f"{self.bad_crc} frames with a wrong checksum dropped, {self.skipped_bytes} bytes skipped")
+            out.append(
+                f"{self.bad_crc} frames with a wrong checksum dropped, {self.skipped_bytes} bytes skipped"
+            )
         if self.truncated_bytes:
             out.append(f"last frame cut off ({self.truncated_bytes} bytes)")
         if self.stamps_repaired:
@@ -80,8 +82,17 @@ class Tlog:
 
     def part(self, first: int, end: int) -> Tlog:
         """The frames ``first`` <= i < ``end``, as views."""
-        own = slice(first, end)
-        arrays = (self.start[own], self.arrival_us[own], self.message_id[own], self.system[own], self.component[own])
+        return self.taken(slice(first, end))
+
+    def taken(self, own: slice | NDArray[np.int64]) -> Tlog:
+        """Some of the frames, by their places."""
+        arrays = (
+            self.start[own],
+            self.arrival_us[own],
+            self.message_id[own],
+            self.system[own],
+            self.component[own],
+        )
         return Tlog(self.path, self.data, *arrays, self.report)
 
     def frames(self) -> Iterator[tuple[int, bytes]]:
@@ -112,9 +123,18 @@ class Tlog:
 
     def counts(self) -> Counter[tuple[int, int, int]]:
         """How many frames of each (system, component, message id), by message id."""
-        key = self.message_id.astype(np.int64) << 16 | self.system.astype(np.int64) << 8 | self.component
+        key = (
+            self.message_id.astype(np.int64) << 16
+            | self.system.astype(np.int64) << 8
+            | self.component
+        )
         values, count = np.unique(key, return_counts=True)
-        senders = zip((values >> 8 & 255).tolist(), (values & 255).tolist(), (values >> 16).tolist(), strict=True)
+        senders = zip(
+            (values >> 8 & 255).tolist(),
+            (values & 255).tolist(),
+            (values >> 16).tolist(),
+            strict=True,
+        )
         return Counter(dict(zip(senders, count.tolist(), strict=True)))
 
 
@@ -125,7 +145,8 @@ def read_tlog(path: Path) -> Tlog:
     starts, rest = walk(data, counts, _STAMP)
     if not starts:
         raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
-    start, bytes_ = np.frombuffer(starts, np.int64), np.frombuffer(data, np.uint8)
+    start = np.frombuffer(starts, np.int64)
+    bytes_ = np.frombuffer(data, np.uint8)
     stamps = sliding_window_view(bytes_, _STAMP)[start].copy().view(">u8").reshape(-1)
     arrival, repaired, steps = repair_stamps(stamps.astype(np.uint64))
     magic = start + _STAMP
@@ -133,8 +154,13 @@ def read_tlog(path: Path) -> Tlog:
     source = magic + np.where(v2, 5, 3)
     ids = bytes_[source + 2].astype(np.int32)
     wide = np.flatnonzero(v2)
-    ids[wide] |= bytes_[source[wide] + 3].astype(np.int32) << 8 | bytes_[source[wide] + 4].astype(np.int32) << 16
-    report = Report(counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps)
+    ids[wide] |= (
+        bytes_[source[wide] + 3].astype(np.int32) << 8
+        | bytes_[source[wide] + 4].astype(np.int32) << 16
+    )
+    report = Report(
+        counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps
+    )
     return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
 
 

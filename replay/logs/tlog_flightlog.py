@@ -19,8 +19,19 @@ from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
-from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
+from replay.logs.columns import (
+    Messages,
+    first_of,
+    imu_record,
+    mounting,
+    quaternions,
+    range_beam,
+    runs,
+    tidy,
+    unflipped,
+)
 from replay.logs.parameters import Row, change_notes, in_force, take_off
+from replay.logs.repeats import without_repeats
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_vehicle import VehicleChoice, choose, parameter_count, parameters
@@ -29,11 +40,21 @@ _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _WIRE_STEP = 1.0 / PER_SI["mG"]
 _WIRE_STEP_M = 1.0 / PER_SI["cm"]
 """Grids of accelerations [m/s^2] and distances [m] on the link."""
-_STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU", "SCALED_PRESSURE", "SCALED_IMU2")
+_STAMPED = (
+    "ATTITUDE",
+    "ATTITUDE_QUATERNION",
+    "LOCAL_POSITION_NED",
+    "SCALED_IMU",
+    "SCALED_PRESSURE",
+    "SCALED_IMU2",
+)
 """Messages on the boot clock that show how long the vehicle was there."""
-_DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_DOWN = (0.0, 0.0, 1.0)
+_DOWNWARD = 25
 _OF_ESC = ("rpm", "temperature")
 """Quantities of an ``EscRecord``, in its order."""
+_LONGEST_DELAY_US = 10_000_000
+"""A link may be late by less, for good: then the clock was not set."""
 _SHOWN = 4
 """Steps of a clock that are told one by one."""
 _LEAST_MOVING = 0.02
@@ -43,18 +64,24 @@ _LEAST_MOVING = 0.02
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """Every boot of the chosen vehicle, in order. Raises LogError as ``read_tlog``, without a vehicle, and without boot
     times."""
-    log = read_tlog(path)
+    log, repeated = without_repeats(read_tlog(path))
     choice = choose(log, target_system)
     known = {name: value for _, name, value in parameters(log, choice.system)}
-    return [_Boot(part, choice, axis).flightlog(k, known) for k, (part, axis) in enumerate(boots(log, choice.system))]
+    notes = [*log.report.notes(), *choice.notes()]
+    if repeated:
+        notes.append(f"{repeated} messages came twice, as from two links: each is taken once")
+    parts = enumerate(boots(log, choice.system))
+    return [_Boot(part, choice, axis, notes).flightlog(k, known) for k, (part, axis) in parts]
 
 
 class _Boot:
     """Builds one FlightLog."""
 
-    def __init__(self, log: Tlog, choice: VehicleChoice, axis: BootAxis) -> None:
-        self._log, self._choice, self._axis = log, choice, axis
-        self._notes = [*log.report.notes(), *choice.notes()]
+    def __init__(self, log: Tlog, choice: VehicleChoice, axis: BootAxis, notes: list[str]) -> None:
+        self._log = log
+        self._choice = choice
+        self._axis = axis
+        self._notes = list(notes)
 
     def _table(self, name: str, *, foreign: bool = False) -> Messages:
         """Messages of the vehicle, or (``foreign``) of everyone."""
@@ -63,7 +90,9 @@ class _Boot:
         records = self._log.records(layout.id, index)
         stamps = None if layout.stamp is None else records[layout.stamp_field]
         times = self._axis.times(layout, index, stamps)
-        return Messages(name, times, {**columns(layout, records), "component": self._log.component[index]})
+        return Messages(
+            name, times, {**columns(layout, records), "component": self._log.component[index]}
+        )
 
     def _autopilot(self, name: str) -> Messages:
         table = self._table(name)
@@ -83,7 +112,9 @@ class _Boot:
         servos = self._servos()
         start, end = self._span()
         if self._axis.stamps_repaired:
-            self._notes.append(f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times")
+            self._notes.append(
+                f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times"
+            )
         armed = runs(beats.t_s, beats["base_mode"].astype(np.int64) >> 7 & 1, end)
         own, changes = in_force(self._parameters(), take_off(armed))
         self._notes += change_notes(changes)
@@ -121,15 +152,18 @@ class _Boot:
     def _clock(self) -> SourceChoice:
         """Which clock gives the times."""
         steps = self._axis.clock_steps
-        ahead = [step for step in steps if step.by_us > 0]
+        ahead = [step for step in steps if step.by_us > _LONGEST_DELAY_US]
         if ahead:
             self._notes.append(f"the receiver's clock was set ahead {len(ahead)} times")
         why = "messages without a boot stamp are placed by their arrival"
         if steps:
             moved = ", ".join(f"{step.by_us / 1e6:+.3g} s" for step in steps[:_SHOWN])
-            why = f"the receiver's clock was set {len(steps)} times in flight ({moved}); its steps are taken out"
+            why = f"the receiver's clock moved against it {len(steps)} times ({moved}); that is taken out"
         return SourceChoice(
-            quantity="clock", chosen="time_boot_ms of the autopilot", others=("the receiver's stamps",), why=why
+            quantity="clock",
+            chosen="time_boot_ms of the autopilot",
+            others=("the receiver's clock",) if steps else (),
+            why=why,
         )
 
     def _parameters(self) -> list[Row]:
@@ -147,8 +181,13 @@ class _Boot:
         return (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
 
     def _attitude(self) -> tuple[Series | None, Series | None]:
-        euler, direct = self._autopilot("ATTITUDE"), self._autopilot("ATTITUDE_QUATERNION")
-        table, q = (direct, direct["q"]) if len(direct) >= len(euler) else (euler, quaternions(euler["euler"]))
+        euler = self._autopilot("ATTITUDE")
+        direct = self._autopilot("ATTITUDE_QUATERNION")
+        table, q = (
+            (direct, direct["q"])
+            if len(direct) >= len(euler)
+            else (euler, quaternions(euler["euler"]))
+        )
         return table.series(unflipped(q)), table.series(table["rates"])
 
     def _imus(self, vibration: Messages) -> tuple[ImuRecord, ...]:
@@ -165,16 +204,22 @@ class _Boot:
         # Float before quantised, then by rate.
         return tuple(sorted(out, key=lambda r: (r.force_step > 0.0, -len(r.specific_force))))
 
-    def _imu(self, table: Messages, source: str, vibration: Messages, number: int) -> ImuRecord | None:
-        force, gyro = table["force"].copy(), table["gyro"].copy()
+    def _imu(
+        self, table: Messages, source: str, vibration: Messages, number: int
+    ) -> ImuRecord | None:
+        force = table["force"].copy()
+        gyro = table["gyro"].copy()
         if "fields_updated" in table:
             updated = table["fields_updated"].astype(np.int64)[:, None] >> np.arange(6) & 1
             force[updated[:, :3] == 0] = np.nan
             gyro[updated[:, 3:] == 0] = np.nan
-        forces, gyros = table.series(force, source), table.series(gyro, source)
+        forces = table.series(force, source)
+        gyros = table.series(gyro, source)
         counter = vibration.data.get(f"clipping_{number}")
         # The counter runs from boot; what counts is how far it went in this record.
-        counted = 0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
+        counted = (
+            0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
+        )
         step = None if table.name == "HIGHRES_IMU" else _WIRE_STEP
         return imu_record(source, forces, gyros, counted, step, instance=number)
 
@@ -185,15 +230,16 @@ class _Boot:
         low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
         distance = table.series(table["distance"])
         if distance is not None:
-            out.append(range_beam(_DOWN, (AUTOPILOT_COMPONENT, 0, _DOWNWARD), distance, (low, high)))
+            out.append(
+                range_beam(_DOWN, (AUTOPILOT_COMPONENT, 0, _DOWNWARD), distance, (low, high))
+            )
         return tuple(out)
 
     def _distance_beams(self, table: Messages) -> Iterable[Beam]:
         keys = np.stack([table["component"], table["id"], table["orientation"]], axis=-1)
         for component, sensor, orientation in np.unique(keys, axis=0):
             one = table.where((keys == (component, sensor, orientation)).all(axis=1))
-            q = one["q"][np.argmax(np.isfinite(one["q"]).all(axis=1) & (np.abs(one["q"]).sum(axis=1) > 0.5))]
-            direction = beam_direction(int(orientation), tuple(q.tolist()))
+            direction = beam_direction(int(orientation), mounting(one["q"]))
             if direction is None:
                 self._notes.append(
                     f"DISTANCE_SENSOR {sensor} of component {component}: orientation {orientation} cannot be resolved; "
@@ -216,16 +262,22 @@ class _Boot:
         table = self._table("OBSTACLE_DISTANCE")
         for k in np.argsort(table.t_s).tolist():
             head = (float(table.t_s[k]), self._choice.system, int(table["component"][k]))
-            distances, limits, steps = (tuple(table[name][k].tolist()) for name in ("distances", "limits", "steps"))
+            distances, limits, steps = (
+                tuple(table[name][k].tolist()) for name in ("distances", "limits", "steps")
+            )
             offset = float(table["offset"][k, 0])
-            ring = obstacle_distance(head, table.name, distances, limits, steps, offset, int(table["frame"][k]))
+            ring = obstacle_distance(
+                head, table.name, distances, limits, steps, offset, int(table["frame"][k])
+            )
             if ring is not None and math.isfinite(ring.t_s):
                 yield ring
 
     def _escs(self) -> dict[int, EscRecord]:
         found: dict[tuple[int, str], list[Series]] = {}
 
-        def add(esc: int, table: Messages, slot: int, names: Iterable[str], rows: NDArray[np.bool_]) -> None:
+        def add(
+            esc: int, table: Messages, slot: int, names: Iterable[str], rows: NDArray[np.bool_]
+        ) -> None:
             for name in names if rows.any() else ():
                 own = Series(table.t_s[rows], table[name][rows, slot], table.name)
                 found.setdefault((esc, name), []).append(own)
@@ -233,7 +285,13 @@ class _Boot:
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
-                add(first + slot, table, slot, _OF_ESC, _fresh(table["count"][:, slot], table["rpm"][:, slot]))
+                add(
+                    first + slot,
+                    table,
+                    slot,
+                    _OF_ESC,
+                    _fresh(table["count"][:, slot], table["rpm"][:, slot]),
+                )
         for kind, name in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
             table = self._table(kind)
             for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
@@ -252,7 +310,10 @@ class _Boot:
                 if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
                     add(slot + 1, pair, slot, ("rpm",), rows)
         numbers = sorted({esc for esc, _ in found})  # one may report its temperature and no speed
-        return {esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC)) for esc in numbers}
+        return {
+            esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC))
+            for esc in numbers
+        }
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")
@@ -286,9 +347,14 @@ class _Boot:
         return out
 
     def _wind(self) -> Series | None:
-        estimate, table = self._autopilot("WIND_COV"), self._autopilot("WIND")
-        speed, direction = table["speed"], table["direction"][:, 0]
-        to = np.stack([-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]], axis=-1)
+        estimate = self._autopilot("WIND_COV")
+        table = self._autopilot("WIND")
+        speed = table["speed"]
+        direction = table["direction"][:, 0]
+        to = np.stack(
+            [-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]],
+            axis=-1,
+        )
         return first_of((estimate.series(estimate["wind"]), table.series(to)))
 
     def _texts(self) -> tuple[tuple[float, int, str], ...]:
@@ -321,5 +387,6 @@ def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
 def _joined(parts: list[Series]) -> Series | None:
     if not parts:
         return None
-    t_s, values = np.concatenate([p.t_s for p in parts]), np.concatenate([p.values for p in parts])
+    t_s = np.concatenate([p.t_s for p in parts])
+    values = np.concatenate([p.values for p in parts])
     return tidy(t_s, values, parts[0].source)

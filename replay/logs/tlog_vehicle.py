@@ -13,7 +13,8 @@ from companion.mavlink.sample_builders import parameter_value
 from models.errors import LogError
 from replay.logs.tlog import GROUND_STATION, Tlog
 
-_HEARTBEAT, _PARAM_VALUE = 0, 22
+_HEARTBEAT = 0
+_PARAM_VALUE = 22
 _MOTION = (27, 30, 31, 32, 105)
 """RAW_IMU, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, HIGHRES_IMU."""
 _SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
@@ -57,19 +58,27 @@ def choose(log: Tlog, target: int | None = None) -> VehicleChoice:
     of_autopilot = log.component == AUTOPILOT_COMPONENT
     beats = np.flatnonzero(of_autopilot & (log.message_id == _HEARTBEAT))
     beat = log.records(_HEARTBEAT, beats)
-    vehicles = np.unique(log.system[beats[beat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID]]).tolist()
+    vehicles = np.unique(
+        log.system[beats[beat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID]]
+    ).tolist()
     armed = log.system[beats[(beat["base_mode"] & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) > 0]]
     motion = np.bincount(log.system[of_autopilot & np.isin(log.message_id, _MOTION)], minlength=256)
     heartbeat = bool(vehicles)
     vehicles = vehicles or np.flatnonzero(motion).tolist()
     if not vehicles:
-        raise LogError(f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot (component 1)")
+        raise LogError(
+            f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot (component 1)"
+        )
     flying = {s: len(vehicles) == 1 or (s in armed and _rotors_turned(log, s)) for s in vehicles}
     ranked = sorted(vehicles, key=lambda s: (-flying[s], -motion[s], s))
     if target is None:
-        return VehicleChoice(ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat)
+        return VehicleChoice(
+            ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat
+        )
     if target not in ranked:
-        raise LogError(f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}")
+        raise LogError(
+            f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}"
+        )
     return VehicleChoice(target, heartbeat=heartbeat)
 
 

@@ -20,17 +20,28 @@ from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from models.errors import LogError
 from models.vehicle_setup.estimate import thrust_to_output
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
-from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
+from replay.logs.columns import (
+    Messages,
+    believable,
+    imu_record,
+    mounting,
+    range_beam,
+    runs,
+    time_span,
+    unflipped,
+)
 from replay.logs.files import read_file
 from replay.logs.parameters import Row, change_notes, in_force, take_off
+from replay.logs.ulg_repair import repaired
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
 """MAV_AUTOPILOT_PX4."""
 _MAIN_MODE = {0: 1, 1: 2, 2: 3, 10: 5, 14: 6, 15: 7}
 """nav_state to the main mode in HEARTBEAT.custom_mode; what is not here is AUTO (4)."""
-_AUTO, _MAIN_MODE_BITS = 4, 16
+_AUTO = 4
+_MAIN_MODE_BITS = 16
 _ARMED, _GROUND, _AIR = 2, 1, 2
 """arming_state; MAV_LANDED_STATE_ON_GROUND and _IN_AIR."""
 _OUTPUTS, _ESCS = 16, 8
@@ -39,7 +50,8 @@ _MOTOR_1, _MOTORS = 101, range(101, 113)
 """Output functions of motors (PWM_MAIN_FUNCn, esc_status.actuator_function)."""
 _MOTOR_COUNT = 12
 """Fields of actuator_motors."""
-_DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_DOWN = (0.0, 0.0, 1.0)
+_DOWNWARD = 25
 _BY_RANGE = 1
 """Bit of dist_bottom_sensor_bitfield: a range sensor. The other one is optical flow."""
 _DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
@@ -91,21 +103,33 @@ def _boot(path: Path, data: bytes, size: int) -> FlightLog:
         from pyulog import ULog
     except ImportError:
         raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
-    with contextlib.redirect_stdout(io.StringIO()):
+    sound = repaired(data)
+    log: Any = None
+    problem: Exception | None = None
+    # What still misleads pyulog lies behind the first damage.
+    for part in dict.fromkeys((sound.data, data[: sound.first_damage])):
         try:
-            log: Any = ULog(_Bounded(data), _TOPICS)
+            with contextlib.redirect_stdout(io.StringIO()):
+                log = ULog(_Bounded(part), _TOPICS)
+            break
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
-            raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
+            problem = error
+    if log is None:
+        raise LogError(f"{path}: cannot be read as a PX4 log ({problem})")
     try:
-        return _Reader(path, log, size).flightlog()
+        return _Reader(path, log, size, sound.notes).flightlog()
     except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
+        raise LogError(
+            f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?"
+        ) from None
 
 
 def _topic(name: str, data: dict[str, NDArray[Any]]) -> Messages:
     stamp = data.get("timestamp_sample", data["timestamp"])
     # Some topics leave timestamp_sample at 0.
-    return Messages(name, believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6), data)
+    return Messages(
+        name, believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6), data
+    )
 
 
 def _last(topic: Messages, field: str, missing: int) -> int:
@@ -131,8 +155,10 @@ def _mav_type(status: Messages) -> int | None:
 class _Reader:
     """Builds one FlightLog."""
 
-    def __init__(self, path: Path, log: Any, size: int) -> None:
-        self._path, self._log, self._size = path, log, size
+    def __init__(self, path: Path, log: Any, size: int, notes: tuple[str, ...]) -> None:
+        self._path = path
+        self._log = log
+        self._size = size
         self._topics: dict[str, list[Messages]] = {}
         self._numbered: dict[str, list[tuple[int, Messages]]] = {}
         for item in sorted(log.data_list, key=lambda d: d.multi_id):
@@ -140,7 +166,7 @@ class _Reader:
                 topic = _topic(item.name, item.data)
                 self._topics.setdefault(item.name, []).append(topic)
                 self._numbered.setdefault(item.name, []).append((int(item.multi_id), topic))
-        self._notes: list[str] = []
+        self._notes = list(notes)
         if log.file_corruption:
             self._notes.append("the file is damaged in places; what could be read was")
         if log.dropouts:
@@ -164,8 +190,10 @@ class _Reader:
         names = ("vehicle_attitude", "sensor_combined")
         stamps = [t.t_s for n in names for t in self._topics.get(n, [])]
         start, end = time_span(self._path, stamps, " or ".join(names))
-        status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
-        setpoint, landed = self._first("vehicle_attitude_setpoint"), self._first("vehicle_land_detected")
+        status = self._first("vehicle_status")
+        attitude = self._first("vehicle_attitude")
+        setpoint = self._first("vehicle_attitude_setpoint")
+        landed = self._first("vehicle_land_detected")
         armed = status.column("arming_state") == _ARMED
         states = np.nan_to_num(status.column("nav_state")).astype(int).tolist()
         modes = [_MAIN_MODE.get(state, _AUTO) << _MAIN_MODE_BITS for state in states]
@@ -202,6 +230,9 @@ class _Reader:
             landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),
             parameters=parameters,
             parameter_changes=changes,
+            sources=(
+                SourceChoice(quantity="clock", chosen="timestamps since boot", why="the only one"),
+            ),
             texts=tuple(
                 (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
                 for m in self._log.logged_messages
@@ -213,7 +244,11 @@ class _Reader:
         """Those at the start of the log, then those that were set later."""
         initial = [(-math.inf, name, value) for name, value in self._log.initial_parameters.items()]
         later = [(t_us / 1e6, name, value) for t_us, name, value in self._log.changed_parameters]
-        return [(t_s, name, float(v)) for t_s, name, v in [*initial, *later] if isinstance(v, int | float)]
+        return [
+            (t_s, name, float(v))
+            for t_s, name, v in [*initial, *later]
+            if isinstance(v, int | float)
+        ]
 
     def _servos(self) -> dict[int, Series]:
         """Outputs by instance of the topic, as the drivers take them. An instance that is all zeros drives nothing."""
@@ -260,37 +295,55 @@ class _Reader:
         out = []
         for number, topic in enumerate(self._topics.get("distance_sensor", [])):
             orientation = _last(topic, "orientation", -1)
-            q = topic.array("q", 4)[-1]
-            direction = beam_direction(orientation, (float(q[0]), float(q[1]), float(q[2]), float(q[3])))
+            direction = beam_direction(orientation, mounting(topic.array("q", 4)))
             series = topic.series(topic.columns("current_distance", "signal_quality"))
             if direction is None or series is None:
-                self._notes.append(f"distance_sensor {number}: orientation {orientation} cannot be resolved; ignored")
+                self._notes.append(
+                    f"distance_sensor {number}: orientation {orientation} cannot be resolved; ignored"
+                )
                 continue
-            low, high = (float(v) for v in np.median(topic.columns("min_distance", "max_distance"), axis=0))
+            low, high = (
+                float(v) for v in np.median(topic.columns("min_distance", "max_distance"), axis=0)
+            )
             quality = series.values[:, 1]
             # uORB says -1 for "not known" and 0 for "no signal"; on MAVLink these are 0 and 1.
             wire = np.nan_to_num(np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0)))
             variance = topic.columns("variance")[:, 0]
             sigma = math.sqrt(float(np.median(variance))) if (variance > 0.0).all() else math.nan
             distance = Series(series.t_s, series.values[:, :1], topic.name)
-            out.append(range_beam(direction, (1, number, orientation), distance, (low, high), wire, sigma))
+            out.append(
+                range_beam(direction, (1, number, orientation), distance, (low, high), wire, sigma)
+            )
         return tuple(out) or self._terrain()
 
     def _rings(self) -> Iterator[Ring]:
         """obstacle_distance as sensors send it, else what PX4 made of all of them; its fields are those of MAVLink."""
-        topic = self._first("obstacle_distance" if "obstacle_distance" in self._topics else "obstacle_distance_fused")
+        topic = self._first(
+            "obstacle_distance"
+            if "obstacle_distance" in self._topics
+            else "obstacle_distance_fused"
+        )
         if not len(topic):
             return
         distances = topic.array("distances", _DIRECTIONS)
         distances = np.where(distances >= _UNKNOWN_CM, np.nan, distances * _CENTI)
-        limits, steps = _CENTI * topic.columns("min_distance", "max_distance"), topic.columns("increment")
-        offset, frame = topic.columns("angle_offset"), np.nan_to_num(topic.column("frame"), nan=_BODY_FRD)
+        limits = _CENTI * topic.columns("min_distance", "max_distance")
+        steps = topic.columns("increment")
+        offset = topic.columns("angle_offset")
+        frame = np.nan_to_num(topic.column("frame"), nan=_BODY_FRD)
         for k in np.flatnonzero(np.isfinite(topic.t_s)).tolist():
             low, high = limits[k].tolist()
-            step, start = math.radians(steps[k, 0]), math.radians(offset[k, 0])
+            step = math.radians(steps[k, 0])
+            start = math.radians(offset[k, 0])
             head = (float(topic.t_s[k]), 1, 1)
             ring = obstacle_distance(
-                head, topic.name, tuple(distances[k].tolist()), (low, high), (0.0, step), start, int(frame[k])
+                head,
+                topic.name,
+                tuple(distances[k].tolist()),
+                (low, high),
+                (0.0, step),
+                start,
+                int(frame[k]),
             )
             if ring is not None:
                 yield ring
@@ -314,7 +367,9 @@ class _Reader:
         self._notes.append(
             "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, not slant"
         )
-        return (range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),)
+        return (
+            range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),
+        )
 
     def _landed_at(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether the autopilot says that the vehicle stands, at the times (n,); False where it says nothing."""
@@ -333,7 +388,9 @@ class _Reader:
                 continue
             function = _last(topic, f"esc[{i}].actuator_function", 0)
             motor = function - _MOTOR_1 + 1 if function in _MOTORS else i + 1
-            out[motor] = EscRecord(topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature")))
+            out[motor] = EscRecord(
+                topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature"))
+            )
         return dict(sorted(out.items()))
 
     def _batteries(self) -> dict[str, Series]:

@@ -25,7 +25,10 @@ def add_parser(commands: Any) -> None:
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file of the model")
     p.add_argument(
-        "--model", metavar="DIR", required=True, help="model directory, as replay diagnose --save-model wrote"
+        "--model",
+        metavar="DIR",
+        required=True,
+        help="model directory, as replay diagnose --save-model wrote",
     )
     p.add_argument(
         "--frozen", action="store_true",
@@ -45,10 +48,17 @@ def run(a: argparse.Namespace) -> int:
     check_targets(a)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
-        raise ConfigError(f"{folders[0]}: is a folder; name the logs, as in replay predict {folders[0]}/*.tlog")
+        raise ConfigError(
+            f"{folders[0]}: is a folder; name the logs, as in replay predict {folders[0]}/*.tlog"
+        )
     vehicle, chosen = _vehicle(a)
     answer = predict(
-        a.logs, vehicle, chosen.model, frozen=a.frozen, target_system=a.target_system, progress=progress_bar(a)
+        a.logs,
+        vehicle,
+        chosen.model,
+        frozen=a.frozen,
+        target_system=a.target_system,
+        progress=progress_bar(a),
     )
     faults = model_faults(answer.records, chosen)
     content = answer.as_json(a.model) | {"log_faults": faults}

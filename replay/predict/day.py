@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.effects import AdoptedEffect, BelongsTo, Effect, get
+from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
@@ -32,6 +32,8 @@ class Day:
     names: tuple[tuple[str, str], ...]
     values: Array
     columns: Array
+    said: Mapping[str, Mapping[str, float]]
+    """Effects to their numbers, as people say them."""
 
     @property
     def wrench(self) -> Array:
@@ -39,11 +41,11 @@ class Day:
         return np.asarray(self.columns @ self.values)
 
     def as_json(self) -> dict[str, dict[str, float]]:
-        """Effects to their coefficients."""
-        out: dict[str, dict[str, float]] = {}
-        for (effect, name), value in zip(self.names, self.values, strict=True):
-            out.setdefault(effect, {})[name] = float(f"{value:.4g}")
-        return out
+        """Effects to their numbers."""
+        return {
+            name: {key: float(f"{value:.4g}") for key, value in said.items()}
+            for name, said in self.said.items()
+        }
 
 
 def learning_time(record: Record) -> Mask:
@@ -52,7 +54,10 @@ def learning_time(record: Record) -> Mask:
 
 
 def learn_day(
-    record: Record, residual: Array, adopted: Sequence[AdoptedEffect], of_day: Mapping[str, Mapping[str, float]]
+    record: Record,
+    residual: Array,
+    adopted: Sequence[AdoptedEffect],
+    of_day: Mapping[str, Mapping[str, float]],
 ) -> Day:
     """The day of a flight by what a model leaves (n, 6) of its start.
 
@@ -76,18 +81,50 @@ def learn_day(
             spread.append(effect.coefficients[i].spread(record.context))
     x = np.stack(columns, axis=-1)
     rows = learning_time(record)
-    prior, y = 1.0 / np.array(spread) ** 2, residual[rows]
+    prior = 1.0 / np.array(spread) ** 2
+    y = residual[rows]
     values = np.zeros(len(spread))
     least = QUIETEST * hundredths(record.context)
     for _ in range(ROUNDS):
-        precision, towards = np.diag(prior), np.zeros(len(spread))
+        precision = np.diag(prior)
+        towards = np.zeros(len(spread))
         noise = np.maximum(np.sqrt(((y - x[rows] @ values) ** 2).mean(axis=0)), least)
         for axis in record.axes:
             weight = record.step_s / CORRELATED_S / noise[axis] ** 2
             precision += weight * x[rows, axis].T @ x[rows, axis]
             towards += weight * x[rows, axis].T @ y[:, axis]
         values = np.asarray(np.linalg.solve(precision, towards), dtype=float)
-    return Day(tuple(names), values, x)
+    return Day(tuple(names), values, x, _said(record.context, names, values, known))
+
+
+def _said(
+    context: Context,
+    names: Sequence[tuple[str, str]],
+    values: Array,
+    known: Mapping[str, Mapping[str, float]],
+) -> dict[str, dict[str, float]]:
+    """Coefficients of the day as people say them, beside what the model has of the vehicle, or else what is usual."""
+    of_effect: dict[str, dict[str, float]] = {}
+    for (name, coefficient), value in zip(names, values.tolist(), strict=True):
+        of_effect.setdefault(name, {})[coefficient] = value
+    out = {}
+    for name, found in of_effect.items():
+        effect = get(name)
+        # What the context's model has of it, an effect adds by itself.
+        declared = {e.name for e in getattr(context.model, "effects", ())} & {
+            name,
+            *effect.contains,
+        }
+        own = known.get(name, {})
+        beside = {
+            c.name: 0.0 if declared else own.get(c.name, c.mean(context))
+            for c in effect.coefficients
+        }
+        beside |= {s.name: own.get(s.name, 0.0) for s in effect.shapes}
+        quantities = {q.instead_of: q.name for q in effect.shown.quantities}
+        said = effect.said(context, beside | found)
+        out[name] = {key: said[key] for key in (quantities.get(c, c) for c in found)}
+    return out
 
 
 def _of_day(effect: Effect) -> list[int]:

@@ -71,8 +71,15 @@ class Prediction:
         for f in self.flights:
             for name, mask in regimes(f.record).items():
                 parts.setdefault(name, []).append((f, mask & f.rows))
-        seconds = {name: sum(float(m.sum()) * f.record.step_s for f, m in part) for name, part in parts.items()}
-        return {name: (seconds[name], _errors(part)) for name, part in parts.items() if seconds[name] >= LEAST_S}
+        seconds = {
+            name: sum(float(m.sum()) * f.record.step_s for f, m in part)
+            for name, part in parts.items()
+        }
+        return {
+            name: (seconds[name], _errors(part))
+            for name, part in parts.items()
+            if seconds[name] >= LEAST_S
+        }
 
     def as_json(self, model: str | None) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
@@ -105,8 +112,15 @@ class Prediction:
     def as_text(self) -> str:
         """A few lines for a person."""
         seconds = sum(f.seconds for f in self.flights)
-        how = "nothing is fitted" if self.frozen else f"wind and load are learned from the first {LEARNING_S:.0f} s"
-        lines = [f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})", *_lines(self.axes())]
+        how = (
+            "nothing is fitted"
+            if self.frozen
+            else f"wind and load are learned from the first {LEARNING_S:.0f} s"
+        )
+        lines = [
+            f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})",
+            *_lines(self.axes()),
+        ]
         for name, (lasted, errors) in self.regimes().items():
             lines += [f"  {name} ({lasted:.0f} s)", *(f"  {line}" for line in _lines(errors))]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
@@ -130,7 +144,9 @@ def predict(
     records, said = read_records(progress(logs), vehicle, model, target_system)
     bare, said_bare = read_records(logs, vehicle, model.with_effects(()), target_system)
     without = {r.name: r for r in bare}
-    made = [predicted(r, without[r.name], model, frozen=frozen) for r in records if r.name in without]
+    made = [
+        predicted(r, without[r.name], model, frozen=frozen) for r in records if r.name in without
+    ]
     flights = [f for f in made if f.seconds >= LEAST_S]
     notes += [
         f"left out: {f.record.name}: too short to judge after the first {LEARNING_S:.0f} s; try --frozen"
@@ -138,10 +154,14 @@ def predict(
         if f.seconds < LEAST_S
     ]
     if not flights:
-        raise LogError(f"{logs[0]}: too short to judge a model: {LEARNING_S + LEAST_S:.0f} s of flight are needed")
+        raise LogError(
+            f"{logs[0]}: too short to judge a model: {LEARNING_S + LEAST_S:.0f} s of flight are needed"
+        )
     if not model.effects:
         notes.append("the model has no adopted effects: with and without them is the same")
-    notes += [f"{f.record.name}: the model was made from this log" for f in flights if f.learnt_from]
+    notes += [
+        f"{f.record.name}: the model was made from this log" for f in flights if f.learnt_from
+    ]
     return Prediction(tuple(flights), frozen, (*notes, *dict.fromkeys((*said, *said_bare))))
 
 
@@ -152,8 +172,11 @@ def predicted(record: Record, bare: Record, model: FanSurrogate, *, frozen: bool
     day = None
     if not frozen:
         day = learn_day(record, residual, model.effects, known_day(model))
-        residual, rows = residual - day.wrench, rows & ~learning_time(record)
-    return Predicted(record, np.nan_to_num(bare.residual), residual, rows, day, learnt_from(model, record.path))
+        residual = residual - day.wrench
+        rows = rows & ~learning_time(record)
+    return Predicted(
+        record, np.nan_to_num(bare.residual), residual, rows, day, learnt_from(model, record.path)
+    )
 
 
 def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> Errors:

@@ -41,7 +41,9 @@ class History:
         offset = decision.offset
         own = (offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch))
         acts = decision.authority > 0.0 and not decision.reasons
-        self._rows.append((decision.t_s, *own, *around(decision.disturbance), decision.authority, acts))
+        self._rows.append(
+            (decision.t_s, *own, *around(decision.disturbance), decision.authority, acts)
+        )
 
     def column(self, name: str) -> Array:
         """One quantity (n,), infinity as NaN."""

@@ -37,7 +37,11 @@ def samples(log: FlightLog) -> Iterator[Sample]:
     head = (log.system, _COMPONENT)
     for name, value in log.parameters.items():
         yield Parameter(log.start_s, *head, name, value)
-    streams: list[Iterator[Sample]] = [_heartbeats(log), _attitudes(log, head), _positions(log, head)]
+    streams: list[Iterator[Sample]] = [
+        _heartbeats(log),
+        _attitudes(log, head),
+        _positions(log, head),
+    ]
     streams += [_ranges(beam, head) for beam in log.beams if beam.source != "RANGEFINDER"]
     streams += [iter(log.rings)]
     streams += [_speeds(number, esc.rpm, head) for number, esc in log.escs.items()]
@@ -74,8 +78,11 @@ def _heartbeats(log: FlightLog) -> Iterator[Sample]:
     if log.autopilot is None:
         return
     for t in np.arange(log.start_s, log.end_s, _HEARTBEAT_S).tolist():
-        armed, mode = _value(log.armed, t) != 0, _value(log.modes, t)
-        yield Heartbeat(t, log.system, _COMPONENT, armed, mode, log.autopilot, log.vehicle_type or 0)
+        armed = _value(log.armed, t) != 0
+        mode = _value(log.modes, t)
+        yield Heartbeat(
+            t, log.system, _COMPONENT, armed, mode, log.autopilot, log.vehicle_type or 0
+        )
 
 
 def _attitudes(log: FlightLog, head: Head) -> Iterator[Sample]:
@@ -132,4 +139,6 @@ def _targets(log: FlightLog, head: Head) -> Iterator[Sample]:
 
 def _commands(log: FlightLog, head: Head) -> Iterator[Sample]:
     for t, (w, x, y, z, thrust) in _rows(log.commands):
-        yield SetAttitudeTarget(t, 255, 190, 7, (w, x, y, z), (np.nan, np.nan, np.nan), thrust, *head)
+        yield SetAttitudeTarget(
+            t, 255, 190, 7, (w, x, y, z), (np.nan, np.nan, np.nan), thrust, *head
+        )

@@ -21,10 +21,16 @@ _ORDINARY = (Reason.NOT_ARMED, Reason.LANDED, Reason.TAKING_OFF, Reason.STOPPING
 """Reasons that every flight has."""
 _PLOTS: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...] = (
     ("Distance [m]", (("h_m", "to the ground", "a"), ("d_m", "to the wall", "b"))),
-    ("Force of the air, as modelled [N]", (("lift_n", "up", "after"), ("side_n", "sideways", "before"))),
+    (
+        "Force of the air, as modelled [N]",
+        (("lift_n", "up", "after"), ("side_n", "sideways", "before")),
+    ),
     ("Thrust offset [share of full throttle]", (("thrust", "thrust", "after"),)),
     ("Tilt offset [deg]", (("roll_deg", "roll", "after"), ("pitch_deg", "pitch", "before"))),
-    ("Trust and authority [0 to 1]", (("trust", "trust in the model", "c"), ("authority", "authority", "d"))),
+    (
+        "Trust and authority [0 to 1]",
+        (("trust", "trust in the model", "c"), ("authority", "authority", "d")),
+    ),
 )
 _ROWS = {
     "thrust": "thrust offset [share of full]", "roll_deg": "roll offset [deg]", "pitch_deg": "pitch offset [deg]",
@@ -44,7 +50,9 @@ def page(report: RunReport, history: History) -> str:
         head=head,
         verdict="What the companion would have done",
         sentences=[f"Next: {step}"],
-        reasons=[(reason.value, f"{s:.1f} s") for reason, s in report.summary.refusals() if s >= 0.05],
+        reasons=[
+            (reason.value, f"{s:.1f} s") for reason, s in report.summary.refusals() if s >= 0.05
+        ],
         plots=_plots(history),
         ranges=[
             (words, *(f"{numbers[name][k] + 0.0:.3f}" for k in ("min", "mean", "max")))
@@ -56,7 +64,8 @@ def page(report: RunReport, history: History) -> str:
 
 def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
     """What came out, and what to do next."""
-    share, duration = numbers["share_compensated"], numbers["duration_s"]
+    share = numbers["share_compensated"]
+    duration = numbers["duration_s"]
     head = "It would not have compensated"
     if share:
         head = f"It would have compensated {share:.0%} of {duration:.0f} s"
@@ -65,9 +74,14 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
         if report.summary.too_slow:
             return head, f"{report.summary.too_slow}."
         if not why:
-            return head, "replay a longer flight. Only take-off and landing kept it from compensating."
+            return (
+                head,
+                "replay a longer flight. Only take-off and landing kept it from compensating.",
+            )
         return head, f"correct the main reason for no offset ({why}). Fly, and replay again."
-    thrust, roll, pitch = (max(-numbers[n]["min"], numbers[n]["max"]) for n in ("thrust", "roll_deg", "pitch_deg"))
+    thrust, roll, pitch = (
+        max(-numbers[n]["min"], numbers[n]["max"]) for n in ("thrust", "roll_deg", "pitch_deg")
+    )
     tilt = max(roll, pitch)
     size = f"largest offsets ({thrust:.1%} of full thrust, {tilt:.1f} degrees)"
     if thrust > _SMALL_THRUST or tilt > _SMALL_TILT_DEG:
@@ -75,7 +89,10 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
             f"look at the moments of the {size}: are height and wall distance right there? For the first flight "
             "set smaller ones under [limits] in the vehicle file."
         )
-    return head, f"the {size} are small enough for a first flight with offsets: checklist in docs/install.md."
+    return (
+        head,
+        f"the {size} are small enough for a first flight with offsets: checklist in docs/install.md.",
+    )
 
 
 def to_mend(refusals: Iterable[tuple[Reason, float]]) -> str:
@@ -83,7 +100,11 @@ def to_mend(refusals: Iterable[tuple[Reason, float]]) -> str:
 
     Empty where there are only those that every flight has.
     """
-    own = [(seconds, reason.value) for reason, seconds in refusals if reason not in _ORDINARY and seconds > 0.0]
+    own = [
+        (seconds, reason.value)
+        for reason, seconds in refusals
+        if reason not in _ORDINARY and seconds > 0.0
+    ]
     seconds, reason = max(own, default=(0.0, ""))
     return f"{reason}, {lasted(seconds)}" if reason else ""
 
@@ -98,7 +119,10 @@ def _plots(history: History) -> str:
     t_s = history.column("t_s")
     edges = np.flatnonzero(np.diff(history.column("compensating"), prepend=0.0, append=0.0))
     edges = np.minimum(edges, len(t_s) - 1)
-    bands = [Band(t_s[i], t_s[j], "fit", "compensating") for i, j in zip(edges[::2], edges[1::2], strict=True)]
+    bands = [
+        Band(t_s[i], t_s[j], "fit", "compensating")
+        for i, j in zip(edges[::2], edges[1::2], strict=True)
+    ]
     out = f'<p class="keys">{keys((), bands)}</p>' if bands else ""
     out += '<div class="plots">'
     for title, curves in _PLOTS:

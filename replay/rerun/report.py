@@ -86,7 +86,9 @@ def run(
     for decision in watch(played.decisions):
         summary.add(decision)
     _check(path, replay, summary)
-    return RunReport(path, model, summary, replay, played.boots(), [*played.notes, *_missing(path, replay)])
+    return RunReport(
+        path, model, summary, replay, played.boots(), [*played.notes, *_missing(path, replay)]
+    )
 
 
 @dataclass
@@ -101,7 +103,12 @@ class OngoingReplay:
 
 
 def play(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool
+    path: Path,
+    config: PipelineConfig,
+    target: int | None,
+    assumed: Mapping[str, float],
+    *,
+    quiet: bool,
 ) -> OngoingReplay:
     """Begin to replay a log."""
     bar = True if quiet else None  # None: only to a terminal
@@ -112,7 +119,9 @@ def play(
         heard = steady(log, choice.system)
         frames = tqdm(heard.frames(), total=len(log), unit="frame", disable=bar, leave=False)
         notes = [*log.report.notes(), *choice.notes()]
-        return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
+        return OngoingReplay(
+            replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1
+        )
     # The others hold no MAVLink: their columns are turned into the samples that a link would have given.
     logs = load(path, target)
     begun: list[int] = []
@@ -131,7 +140,9 @@ def play(
 def _check(path: Path, replay: Replay, summary: Summary) -> None:
     lacking = [called(path, what) for kind, what in _NEEDED.items() if not replay.samples[kind]]
     if lacking:
-        raise LogError(f"{path}: cannot be replayed without {' and '.join(lacking)}: record them and try again")
+        raise LogError(
+            f"{path}: cannot be replayed without {' and '.join(lacking)}: record them and try again"
+        )
     if not summary.decisions:
         raise LogError(f"{path}: no decision came of it: its attitudes carry no usable boot time")
 
@@ -140,8 +151,10 @@ def _missing(path: Path, replay: Replay) -> list[str]:
     """What the log lacks for offsets, by message."""
     out = [called(path, what) for kind, what in _WANTED.items() if not replay.samples[kind]]
     if replay.config.vehicle.telemetered:
-        kind, rotors = "RotorSpeeds", f"{called(path, 'rotor speeds')} (rotor speeds)"
+        kind = "RotorSpeeds"
+        rotors = f"{called(path, 'rotor speeds')} (rotor speeds)"
     else:
-        kind, rotors = "ServoOutput", f"{called(path, 'outputs')} (this vehicle's rotors are named by servo)"
+        kind = "ServoOutput"
+        rotors = f"{called(path, 'outputs')} (this vehicle's rotors are named by servo)"
     out += [] if replay.samples[kind] else [rotors]
     return [f"not in the log: {', '.join(out)}"] if out else []

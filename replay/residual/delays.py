@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from models.effects import Context
 from models.frames import Array
@@ -24,6 +26,9 @@ DETREND_S, SMOOTH_S = 0.7, 0.03
 """Half widths of the running means between which signals are compared: about 0.5 to 10 Hz."""
 CLIMB_S, FASTEST_CLIMB_M_S = 0.1, 2.0
 """Half width over which ranges are differentiated, and the rate beyond which the range has jumped."""
+BORDER, BORDER_SD, SURE = 0.6, 0.1, 0.999
+"""Correlation of lift with the accelerometer about which changes of the lift may be commands or responses; standard
+deviation of that border, in Fisher's z; and the largest correlation whose z is told from others."""
 FEWEST_SAMPLES = 100
 """Common samples from which on a correlation is taken."""
 
@@ -57,8 +62,28 @@ def rotor_delay(ctx: Context, grid: Grid) -> Delay:
     lift = ctx.thrust.sum(axis=1)
     heave = -ctx.vehicle.mass_kg * ctx.state.specific_force[:, 2]
     best, correlation = _lag(heave, lift, grid.rate)
-    corrected = bool(correlation > SEEN_ROTORS and best > -(SPEED_LEAD_S if ctx.vehicle.telemetered else OUTPUT_LEAD_S))
-    return Delay("rotor speed" if ctx.vehicle.telemetered else "servo outputs", best, correlation, corrected)
+    corrected = bool(
+        correlation > SEEN_ROTORS
+        and best > -(SPEED_LEAD_S if ctx.vehicle.telemetered else OUTPUT_LEAD_S)
+    )
+    signal = "rotor speed" if ctx.vehicle.telemetered else "servo outputs"
+    return Delay(signal, best, correlation, corrected)
+
+
+def commanded(rotors: Delay, seconds: float) -> float:
+    """Probability that the lift changed by command in a flight, and not only in response to disturbances.
+
+    Commanded changes of the lift are felt by the accelerometer; responses take off a disturbance that it would feel.
+    Fisher's z = artanh(r) of their correlation r over N independent samples is normal with the variance 1 / N (Fisher
+    1921, Metron 1, 3-32). The border between both lies at z = artanh(``BORDER``), give or take ``BORDER_SD``:
+
+        P = Phi((z - artanh(BORDER)) / sqrt(BORDER_SD^2 + 1 / N))
+    """
+    # What is slower than the running mean is taken out: samples that far apart are independent.
+    samples = max(seconds / DETREND_S, 1.0)
+    z = math.atanh(min(max(rotors.correlation, -SURE), SURE))
+    spread = math.sqrt(BORDER_SD**2 + 1.0 / samples)
+    return float(ndtr((z - math.atanh(BORDER)) / spread))
 
 
 def range_delay_of(
@@ -81,7 +106,8 @@ def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
     both = np.isfinite(a) & np.isfinite(b)
     if both.sum() < FEWEST_SAMPLES:
         return 0.0, 0.0
-    a, b = np.where(both, a, 0.0), np.where(both, b, 0.0)
+    a = np.where(both, a, 0.0)
+    b = np.where(both, b, 0.0)
     reach = max(int(LONGEST_DELAY_S * rate), 1)
     norm = float(np.sqrt((a @ a) * (b @ b)))
     if norm <= 0.0:

@@ -60,7 +60,9 @@ def _reading(times: Array, distance: Array, near: Mask, far: Mask, t: Array) -> 
     return out
 
 
-def _doubted(beam: Beam, target: str, near_m: float, t: Array, rotation: Array, position: Array) -> Mask:
+def _doubted(
+    beam: Beam, target: str, near_m: float, t: Array, rotation: Array, position: Array
+) -> Mask:
     """Readings (samples,) that flight does not use either: a lost echo, a frozen value. ``t``: when each was taken."""
     index = np.clip(np.searchsorted(t, beam.distance.t_s), 0, len(t) - 1)
     places = position[index]
@@ -118,7 +120,13 @@ def _planes(
         doubted = _doubted(beam, target, near_m, t + late_s, rotation, position)
         slant = beam_reading(beam, t + late_s, doubted)
         plane = plane_distance(
-            target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
+            target,
+            beam.direction_frd,
+            sensor.position_m,
+            slant,
+            rotation,
+            floor,
+            vehicle.rotor_radius_m,
         )
         out.append(_carried(plane, t, position))
     return out
@@ -135,14 +143,19 @@ def _ring_planes(
     before: list[Vector3 | None] = [None, None]
     reads = [UNREAD, UNREAD]
     times = np.array([ring.t_s for ring in log.rings])
-    found, normals = np.full((2, len(times)), np.nan), np.zeros((2, len(times), 3))
+    found = np.full((2, len(times)), np.nan)
+    normals = np.zeros((2, len(times), 3))
     for i, row in enumerate(np.clip(np.searchsorted(t, times), 0, len(t) - 1).tolist()):
-        view = ring_view(log.rings[i], rotation[row].tolist(), sensor.position_m, float(floor[row]), vehicle)
+        view = ring_view(
+            log.rings[i], rotation[row].tolist(), sensor.position_m, float(floor[row]), vehicle
+        )
         north, east, down = position[row].tolist()
         for k, plane in enumerate(placed(view, before)):
             if plane.slant_m == plane.slant_m and math.isfinite(north + east + down):
                 here = Sighting(plane.slant_m, (north, east, down), plane.normal_ned)
-                reads[k] = doubt(here, reads[k] if plane.same_wall(before[k]) else UNREAD, near_m, "wall")
+                reads[k] = doubt(
+                    here, reads[k] if plane.same_wall(before[k]) else UNREAD, near_m, "wall"
+                )
             found[k, i] = np.nan if reads[k].why is not None else plane.distance_m
             normals[k, i] = plane.normal_ned
             before[k] = plane.normal_ned if math.isfinite(plane.slant_m) else before[k]
@@ -161,7 +174,9 @@ def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:
         beams = [_beam_of(log, sensor.orientation) for sensor in sensors]
         rings = target == "wall" and len(log.rings) > 0
         if sensors and not rings and not any(beam is not None and len(beam.good) for beam in beams):
-            notes.append(f"no range to the {target} in the log, but a declared rangefinder: taken to be far away")
+            notes.append(
+                f"no range to the {target} in the log, but a declared rangefinder: taken to be far away"
+            )
     return notes
 
 
@@ -174,7 +189,8 @@ def distances(
     ``ranges_m`` (n, 6); NaN where unknown, inf where nothing is there. By the geometry of flight
     (companion/estimation/range_geometry.py); a surface that no beam of the log looks at is taken to be far away.
     """
-    n, fans = len(t), len(vehicle.fans)
+    n = len(t)
+    fans = len(vehicle.fans)
     far = np.full((n, fans), np.inf)
     ranges = np.full((n, len(DIRECTIONS)), np.nan)
     for i, direction in enumerate(DIRECTIONS):
@@ -196,14 +212,16 @@ def distances(
         "ranges_m": ranges,
     }  # fmt: skip
     if seen:
-        distance, normal = np.stack([w.distance_m for w in seen]), np.stack([w.normal_ned for w in seen])
+        distance = np.stack([w.distance_m for w in seen])
+        normal = np.stack([w.normal_ned for w in seen])
         walls = choose_walls(distance, normal)
         known = np.where(walls.known, np.inf, np.nan)[:, None]
         for index, d_name, bearing_name in (
             (walls.first, "d_m", "wall_bearing_rad"),
             (walls.second, "second_d_m", "second_bearing_rad"),
         ):
-            there, rows = index >= 0, np.arange(n)
+            there = index >= 0
+            rows = np.arange(n)
             lips = fan_wall_distances(vehicle, distance[index, rows], normal[index, rows], rotation)
             out[d_name] = np.where(there[:, None], lips, known)
             out[bearing_name] = np.where(there, wall_bearing(normal[index, rows], rotation), 0.0)

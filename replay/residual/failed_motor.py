@@ -288,7 +288,9 @@ def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -
     )
 
 
-def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int) -> _Compared | None:
+def _compare(
+    signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int
+) -> _Compared | None:
     """Rows ``begin`` to ``end`` against ``start`` to ``begin``, which are as before under all of these."""
     after = _after(signals, noise, start, begin, end)
     if after is None:
@@ -310,7 +312,9 @@ def _compare(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: 
     return _Compared(np.array(lost), np.array(shares), _sum(none), _sum(pushed), _sum(struck))
 
 
-def _stands(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int, k: int) -> bool:
+def _stands(
+    signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int, k: int
+) -> bool:
     """Whether the loss explains what follows: all of it within its noise, and no part better without it.
 
     A motor that failed does not recover; what does was a manoeuvre, or a blow.
@@ -338,7 +342,9 @@ def _stands(signals: _Signals, noise: _Noise, prior: Array, start: int, begin: i
     return True
 
 
-def _before(signals: _Signals, noise: _Noise, rows: NDArray[np.int_], level_a: Array, level_m: Array) -> Array:
+def _before(
+    signals: _Signals, noise: _Noise, rows: NDArray[np.int_], level_a: Array, level_m: Array
+) -> Array:
     """Log likelihood (gains,) of the rows before a beginning, about their own mean."""
     moved = signals.measured[rows] - level_a
     asked = signals.declared[rows] - level_m
@@ -442,7 +448,8 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     mine = float(by_fan[first]) + rare - float(np.log(len(by_fan)))
     odds = mine - max(none, other + rare)
     close = [int(k) for k in order if by_fan[first] - by_fan[k] < APART]
-    if odds < SURE or len(close) > 2:
+    # Where a flight lacks what the comparison needs, the odds are no number.
+    if not odds >= SURE or not 1 <= len(close) <= 2:
         return None
     at = int(lost[:, first].argmax())
     if not _stands(signals, noise, prior, start, rows[at], end, first):

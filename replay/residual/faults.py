@@ -21,7 +21,8 @@ STUCK_BEAM_M, MOVED_M = 0.002, 0.4
 """A range that spans less than the first while the vehicle rises by more than the second [m] is stuck."""
 STUCK_BEAM_SAMPLES = 20
 """Fewest readings for that."""
-LIFT_AND_MOMENTS, MOMENTS = frozenset({2, 3, 4, 5}), frozenset({3, 4, 5})
+LIFT_AND_MOMENTS = frozenset({2, 3, 4, 5})
+MOMENTS = frozenset({3, 4, 5})
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,13 @@ class Doubts:
     """Axes that are not judged, but on which something acts all the same."""
 
 
-def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes: list[int]) -> Doubts:
+def doubted(
+    log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes: list[int]
+) -> Doubts:
     """Doubt the log before anything is fitted. ``flying`` (n,): airborne samples of the grid."""
     faults: list[LogFault] = []
-    usable, blind = set(axes), set[int]()
+    usable = set(axes)
+    blind = set[int]()
 
     def doubt(found: list[LogFault], lost: frozenset[int]) -> None:
         faults.extend(found)
@@ -62,11 +66,11 @@ def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes
     doubt(lift, LIFT_AND_MOMENTS)
     faults.sort(key=lambda fault: fault not in lift)  # the vehicle file comes first
     doubt(rotor_faults.copies(log, ctx, motion, flying), MOMENTS)
+    shifted = rotor_faults.shifted_speeds(log, ctx, motion, flying)
     if usable & MOMENTS:
         moments = [
             *rotor_faults.slow_rotors(log, ctx.vehicle),
             *motion_faults.gyro_faults(motion, flying),
-            *rotor_faults.shifted_speeds(log, ctx, motion, flying),
         ]
         doubt(
             moments
@@ -74,8 +78,11 @@ def doubted(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask, axes
             or vehicle_faults.exchanged_spins(ctx, motion, flying),
             MOMENTS,
         )
+    doubt(shifted, MOMENTS)
     left_out = []
-    at_stop = np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
+    at_stop = (
+        np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
+    )
     if usable & LIFT_AND_MOMENTS and (flying & ~at_stop).sum() >= ENOUGH_S * motion.grid.rate:
         left_out.append(("at full command", at_stop))
     crash = motion_faults.first_upside_down(motion)
@@ -94,7 +101,10 @@ def without_stuck_beams(log: FlightLog) -> tuple[FlightLog, list[LogFault]]:
     moved = float(np.ptp(log.position.values[:, 2]))
     stuck = [b for b in log.beams if moved > MOVED_M and _stuck(b)]
     faults = [
-        LogFault(f"range_{b.name}_m", f"stays at {float(np.median(b.good.values)):.2f} m while the vehicle moves")
+        LogFault(
+            f"range_{b.name}_m",
+            f"stays at {float(np.median(b.good.values)):.2f} m while the vehicle moves",
+        )
         for b in stuck
     ]
     return replace(log, beams=tuple(b for b in log.beams if b not in stuck)), faults

@@ -41,7 +41,8 @@ class Grid:
         out = np.empty((len(range(0, len(x), self.every)), flat.shape[1]))
         for k in range(flat.shape[1]):
             known = np.isfinite(flat[:, k])
-            weight, y = np.convolve(known.astype(float), self.kernel, "same"), np.where(known, flat[:, k], 0.0)
+            weight = np.convolve(known.astype(float), self.kernel, "same")
+            y = np.where(known, flat[:, k], 0.0)
             total = np.convolve(y, self.kernel, "same")
             with np.errstate(invalid="ignore", divide="ignore"):
                 out[:, k] = np.where(weight > KNOWN_SHARE, total / weight, np.nan)[:: self.every]
@@ -59,7 +60,9 @@ def running_mean(x: Array, half: int) -> Array:
     known = np.isfinite(x) & (np.abs(x) < 1e6)
     weight = np.convolve(known.astype(float), kernel, "same")
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(weight > 0, np.convolve(np.where(known, x, 0.0), kernel, "same") / weight, np.nan)
+        return np.where(
+            weight > 0, np.convolve(np.where(known, x, 0.0), kernel, "same") / weight, np.nan
+        )
 
 
 def band(x: Array, rate: float, fast_s: float, slow_s: float) -> Array:

@@ -13,11 +13,12 @@ import numpy as np
 
 from models.effects import Context
 from models.frames import GRAVITY, Array
-from replay.residual.grid import Mask, running_mean
+from replay.residual.grid import Mask, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
 
 DID_NOT_FLY = (
-    "did not fly: rotors turn, but attitude, height and acceleration do not answer (tied down, or on the ground)"
+    "did not fly: rotors turn, but attitude, height and acceleration do not answer "
+    "(tied down, or on the ground)"
 )
 TURNING_SHARE = 0.1
 """Modelled lift over weight above which rotors turn, and do not just idle."""
@@ -38,6 +39,9 @@ MOVES_SHARE, ANSWERED = 0.01, 0.5
 """A vehicle that feels so much of such a spread of lift flies, however level it is."""
 CRUISE_M_S = 1.0
 """Mean speed of what flies: an estimator that drifts on the bench is slower."""
+RISEN_M, SCALE_HEIGHT_M = 5.0, 8434.0
+"""Above the place where the rotors began to turn, by barometer and estimator: more than their wash on a barometer is,
+or its drift within a run. And the height in which pressure falls to 1/e, at 288 K."""
 MOSTLY, CARRIED_M_S = 0.5, 0.5
 """Share of windows in which lift is ignored, and mean speed, of a vehicle in a hand. In a flight whose outputs are
 wrong, lift is ignored, too, but it goes somewhere."""
@@ -55,6 +59,8 @@ class _Seen:
     tilt: Array
     """(m, 2)."""
     speed: Array
+    risen: Array
+    """Height [m] over the place where this run of the rotors began."""
     turning: Mask
     settled: Mask
 
@@ -67,11 +73,13 @@ class _Answer:
     asked: float
     felt: float
     speed: float
+    risen: float
 
     @property
     def flies(self) -> bool:
         """Whether the vehicle surely flies."""
-        return (self.asked > MOVES_SHARE and self.felt > ANSWERED) or self.speed > CRUISE_M_S
+        answers = self.asked > MOVES_SHARE and self.felt > ANSWERED
+        return answers or self.speed > CRUISE_M_S or self.risen > RISEN_M
 
     @property
     def ignores_lift(self) -> bool:
@@ -87,13 +95,13 @@ def held_down(ctx: Context, motion: Trajectory) -> tuple[Mask, Mask]:
     held = np.zeros(len(lift), bool)
     if not turning.any():
         return turning, held
-    seen = _seen(lift, turning, motion)
-    for start, end in _held_times(seen):
-        held |= (motion.grid.t >= start) & (motion.grid.t <= end)
+    seen = _seen(lift, turning, motion, ctx.state.pressure_pa)
+    latest = np.searchsorted(seen.t, motion.grid.t, side="right") - 1
+    held = _held(seen)[np.maximum(latest, 0)]
     return turning, held & turning
 
 
-def _seen(lift: Array, turning: Mask, motion: Trajectory) -> _Seen:
+def _seen(lift: Array, turning: Mask, motion: Trajectory, pressure: Array) -> _Seen:
     rate = motion.grid.rate
     every = max(round(SAMPLE_S * rate), 1)
     usual = float(np.median(lift[turning]))
@@ -110,34 +118,67 @@ def _seen(lift: Array, turning: Mask, motion: Trajectory) -> _Seen:
         lift=_mean(lift / usual, rate)[::every],
         felt=_mean(-motion.force[:, 2] / GRAVITY, rate)[::every],
         tilt=tilt[::every],
-        speed=np.linalg.norm(motion.velocity, axis=1)[::every],
+        speed=_speed(motion)[::every],
+        risen=_risen(turning, motion.position[:, 2], pressure)[::every],
         turning=turning[::every],
         settled=settled[::every],
     )
 
 
-def _held_times(seen: _Seen) -> list[tuple[float, float]]:
-    """Begin and end [s] of what is held: single windows, and whole runs of the rotors."""
-    out = []
+def _speed(motion: Trajectory) -> Array:
+    """Speed (n,) of the velocity and of the place, whichever is less: a velocity that leads nowhere is an error."""
+    moved = rate_of_change(motion.position, motion.grid.rate)
+    by_place = np.linalg.norm(moved, axis=1)
+    by_velocity = np.linalg.norm(motion.velocity, axis=1)
+    return np.asarray(np.fmin(by_velocity, by_place))
+
+
+def _risen(turning: Mask, down: Array, pressure: Array) -> Array:
+    """Height (n,) over the place where the rotors last began to turn, as barometer and estimator both say; else NaN."""
+    begins = turning.copy()
+    begins[1:] &= ~turning[:-1]
+    index = np.where(begins, np.arange(len(turning)), 0)
+    first = np.maximum.accumulate(index)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_pressure = SCALE_HEIGHT_M * np.log(pressure[first] / pressure)
+    return np.asarray(np.minimum(down[first] - down, by_pressure))
+
+
+def _held(seen: _Seen) -> Mask:
+    """Samples (m,) that are held, by the windows around them and by whole runs of the rotors.
+
+    Half of the windows that hold a sample have to say so: one that begins in the air and ends on the ground does not
+    make the descent a standstill.
+    """
     runs = _runs(seen)
-    windows = [w for run in runs for w in _windows(seen, run)]
-    answers = [_answer(seen, w) for w in windows]
+    windows = [window for run in runs for window in _windows(seen, run)]
+    answers = [_answer(seen, window) for window in windows]
+    asked = np.zeros(len(seen.t))
+    said = np.zeros(len(seen.t))
     for window, answer in zip(windows, answers, strict=True):
         still = answer.tilt_deg < STILL_DEG
         calm = answer.tilt_deg < CALM_DEG
-        if not answer.flies and (still or (calm and answer.ignores_lift)):
-            out.append(_span(seen, window))
+        asked[window] += 1.0
+        said[window] += not answer.flies and (still or (calm and answer.ignores_lift))
+    held = (said > 0.0) & (2.0 * said >= asked)
     for group in _groups(seen, runs):
-        together = np.concatenate(group)
-        inside = [a for w, a in zip(windows, answers, strict=True) if np.isin(w, together).all()]
-        whole = _answer(seen, together)
-        tilts = [a.tilt_deg for a in inside] or [np.inf]
-        still = float(np.median(tilts)) < USUALLY_STILL_DEG
-        ignoring = np.mean([a.ignores_lift for a in inside] or [False]) > MOSTLY
-        carried = bool(ignoring) and whole.speed < CARRIED_M_S
-        if not whole.flies and (still or carried):
-            out += [_span(seen, run) for run in group]
-    return out
+        if _all_held(seen, group, windows, answers):
+            held[np.concatenate(group)] = True
+    return np.asarray(held)
+
+
+def _all_held(
+    seen: _Seen, group: list[Array], windows: list[Array], answers: list[_Answer]
+) -> bool:
+    """Whether some runs are of a vehicle that is held all the time."""
+    together = np.concatenate(group)
+    inside = [a for w, a in zip(windows, answers, strict=True) if np.isin(w, together).all()]
+    whole = _answer(seen, together)
+    tilts = [a.tilt_deg for a in inside] or [np.inf]
+    still = float(np.median(tilts)) < USUALLY_STILL_DEG
+    ignoring = np.mean([a.ignores_lift for a in inside] or [False]) > MOSTLY
+    carried = bool(ignoring) and whole.speed < CARRIED_M_S
+    return not whole.flies and (still or carried)
 
 
 def _runs(seen: _Seen) -> list[Array]:
@@ -170,10 +211,14 @@ def _answer(seen: _Seen, rows: Array) -> _Answer:
     tilt = seen.tilt[rows]
     known = np.isfinite(tilt).all(axis=1)
     spread = float(np.hypot(*tilt[known].std(axis=0))) if known.any() else np.inf
-    speed = seen.speed[rows]
-    fast = float(np.nanmean(speed)) if np.isfinite(speed).any() else 0.0
     asked, felt = _felt_share(seen, rows[seen.settled[rows]])
-    return _Answer(spread, asked, felt, fast)
+    return _Answer(spread, asked, felt, _usual(seen.speed[rows]), _usual(seen.risen[rows]))
+
+
+def _usual(values: Array) -> float:
+    """Mean of what is known; 0 where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else 0.0
 
 
 def _felt_share(seen: _Seen, rows: Array) -> tuple[float, float]:
@@ -198,10 +243,6 @@ def _step(seen: _Seen) -> float:
 
 def _seconds(seen: _Seen, rows: Array) -> float:
     return len(rows) * _step(seen)
-
-
-def _span(seen: _Seen, rows: Array) -> tuple[float, float]:
-    return float(seen.t[rows[0]]), float(seen.t[rows[-1]])
 
 
 def _mean(x: Array, rate: float) -> Array:

@@ -34,7 +34,9 @@ def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> 
             rpm[:, k] = esc.rpm.at(t + late_s, MAX_GAP_S)[:, 0]
     servo = np.full((len(t), 16), np.nan)
     if log.servo is not None:
-        late = late_s if not vehicle.telemetered else 0.0  # vanes share the clock of the outputs, not of the ESCs
+        late = (
+            late_s if not vehicle.telemetered else 0.0
+        )  # vanes share the clock of the outputs, not of the ESCs
         columns = min(16, log.servo.values.shape[1])
         servo[:, :columns] = log.servo.at(t + late, MAX_GAP_S)[:, :columns]
         servo[servo == 0.0] = np.nan
@@ -54,7 +56,9 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
             )
     elif log.servo is None:
         outputs = called(log.path, "outputs")
-        raise LogError(f"{log.path}: no {outputs}, and the vehicle file declares thrust by servo outputs")
+        raise LogError(
+            f"{log.path}: no {outputs}, and the vehicle file declares thrust by servo outputs"
+        )
     own = [log.escs[r.esc] for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
     temperatures, others = (
         [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
@@ -95,7 +99,8 @@ def decimated(state: AirState, grid: Grid) -> AirState:
             return x[:: grid.every]
         if name not in DISTANCES:
             return grid.smooth(x)
-        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), x[:: grid.every]
+        smooth = grid.smooth(np.where(np.isfinite(x), x, np.nan))
+        picked = x[:: grid.every]
         return np.asarray(np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked))
 
     return AirState(**{f.name: at_rate(f.name, getattr(state, f.name)) for f in fields(state)})
@@ -117,7 +122,10 @@ def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
         "rates": ("p_rad_s", "q_rad_s", "r_rad_s"),
         "specific_force": ("ax_m_s2", "ay_m_s2", "az_m_s2"),
         "ranges_m": [f"range_{name}_m" for name in DIRECTIONS],
-        "rpm": [f"rpm_{k if rotor.esc is None else rotor.esc}" for k, rotor in enumerate(vehicle.rotors, 1)],
+        "rpm": [
+            f"rpm_{k if rotor.esc is None else rotor.esc}"
+            for k, rotor in enumerate(vehicle.rotors, 1)
+        ],
         "servo_us": [f"servo_{k}" for k in range(1, 17)],
     }
     for field, columns in names.items():

@@ -68,7 +68,11 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     if len(first) < 2.0 * FLOWN_S * rate:
         return None
     # A law of all motors and of the whole log, idle on the ground included: one that fails is one of many, and late.
-    seen = np.isfinite(outputs).all(axis=1) & np.isfinite(rpm).all(axis=1) & (ctx.state.time_s < until_s)
+    seen = (
+        np.isfinite(outputs).all(axis=1)
+        & np.isfinite(rpm).all(axis=1)
+        & (ctx.state.time_s < until_s)
+    )
     turning = seen & (rpm > 0.0).all(axis=1)
     if not turning.any():
         return None
@@ -77,19 +81,29 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     asked = _lagged(np.sqrt(np.maximum(squared, 0.0)), LAG_S * rate)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = rpm / np.maximum(asked, LEAST_ASKED * np.median(rpm[known]))
-    ratio = ratio / np.nanmedian(np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan), axis=0)
+    ratio = ratio / np.nanmedian(
+        np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan), axis=0
+    )
     start = int(first[0] + FLOWN_S * rate)
-    spoken = [found for k in range(rpm.shape[1]) if (found := _leaves(ctx, ratio, known, k, start, rate))]
+    spoken = [
+        found for k in range(rpm.shape[1]) if (found := _leaves(ctx, ratio, known, k, start, rate))
+    ]
     return min(spoken, key=lambda found: found.since_s, default=None)
 
 
-def _leaves(ctx: Context, ratio: Array, known: Mask, k: int, start: int, rate: float) -> Lost | None:
+def _leaves(
+    ctx: Context, ratio: Array, known: Mask, k: int, start: int, rate: float
+) -> Lost | None:
     others = np.delete(ratio, k, axis=1)
     with np.errstate(invalid="ignore"):
         usual = np.median(others, axis=1)
         follow = (usual > FOLLOWS[0]) & (usual < FOLLOWS[1]) & known
         slow = (ratio[:, k] < SLOW_SHARE) & follow
-        fast = (ratio[:, k] > FAST_SHARE) & follow & (ctx.state.rpm[:, k] > np.nanmedian(ctx.state.rpm[known, k]))
+        fast = (
+            (ratio[:, k] > FAST_SHARE)
+            & follow
+            & (ctx.state.rpm[:, k] > np.nanmedian(ctx.state.rpm[known, k]))
+        )
     for off, faster, lasts_s in ((slow, False, LASTS_S), (fast, True, FASTER_S)):
         count = max(round(lasts_s * rate), 2)
         stays = _stays(off[start:], follow[start:], count, round(STAYS_S * rate))

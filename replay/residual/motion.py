@@ -62,7 +62,9 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
         raise LogError(f"{log.path}: no {lacking}: without an accelerometer no force can be judged")
     if log.attitude is None:
         raise LogError(f"{log.path}: no {called(log.path, 'attitude')}: record it")
-    imu: ImuRecord = max(log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0]))
+    imu: ImuRecord = max(
+        log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0])
+    )
     start = max(imu.specific_force.t_s[0], log.attitude.t_s[0])
     end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
     if end - start < SHORTEST_S:
@@ -92,7 +94,9 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
 def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
     """Rate of the slowest rotor speed, or of the outputs where they declare the thrust; inf without either."""
     if vehicle.telemetered:
-        series = [log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
+        series = [
+            log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs
+        ]
         return min((s.rate_hz for s in series if s is not None), default=np.inf)
     return log.servo.rate_hz if log.servo is not None else np.inf
 
@@ -103,7 +107,9 @@ def judged_axes(motion: Trajectory, vehicle: Vehicle) -> tuple[list[int], list[s
         return [0, 1, 2], ["where the rotors are is assumed: forces only"]
     if motion.gyro_hz < MOMENT_RATE_HZ:
         needed = f"{MOMENT_RATE_HZ:.0f} Hz needed"
-        return [0, 1, 2], [f"gyro at {motion.gyro_hz:.0f} Hz: too slow for moments ({needed}), forces only"]
+        return [0, 1, 2], [
+            f"gyro at {motion.gyro_hz:.0f} Hz: too slow for moments ({needed}), forces only"
+        ]
     return list(range(6)), []
 
 

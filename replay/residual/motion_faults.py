@@ -62,11 +62,19 @@ def accelerometer_faults(motion: Trajectory, flying: Mask) -> list[tuple[int, Lo
         if both.sum() < FEWEST_SAMPLES:
             continue
         offset = abs(float(np.median((motion.force - implied)[both, axis])))
-        least, when = FORCE_LEAST_M_S2[axis], np.flatnonzero(both)
-        parts = [_agree(measured[part], kinematic[part], least) for part in np.array_split(when, STRETCHES)]
-        unlike = _agree(measured[both], kinematic[both], least) is False and parts.count(True) <= parts.count(False)
+        least = FORCE_LEAST_M_S2[axis]
+        when = np.flatnonzero(both)
+        parts = [
+            _agree(measured[part], kinematic[part], least)
+            for part in np.array_split(when, STRETCHES)
+        ]
+        unlike = _agree(measured[both], kinematic[both], least) is False and parts.count(
+            True
+        ) <= parts.count(False)
         if unlike or offset > ASKEW_M_S2:
-            out.append((axis, LogFault(name, "disagrees with velocity and attitude: one of them is wrong")))
+            out.append(
+                (axis, LogFault(name, "disagrees with velocity and attitude: one of them is wrong"))
+            )
     return out
 
 

@@ -122,7 +122,9 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
         how = f"stands from {at.since_s:.1f} s on"
     else:
         how = f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it stalls, or lost step"
-    return LogFault(f"rpm_{number}", named + " " + how + _signs(at, fan), since_s=at.since_s, motors=(fan + 1,))
+    return LogFault(
+        f"rpm_{number}", named + " " + how + _signs(at, fan), since_s=at.since_s, motors=(fan + 1,)
+    )
 
 
 def _answered(at: _At, output: int) -> bool:
@@ -142,7 +144,10 @@ def _no_thrust(at: _At, failure: Failure) -> LogFault:
     vehicle = at.ctx.vehicle
     loses = "no thrust" if failure.share >= ALL_LOST else f"about {failure.share:.0%} less thrust"
     outputs = [_output(vehicle, fan) for fan in failure.fans]
-    named = [f"{fan + 1}{_where(vehicle, fan, output)}" for fan, output in zip(failure.fans, outputs, strict=True)]
+    named = [
+        f"{fan + 1}{_where(vehicle, fan, output)}"
+        for fan, output in zip(failure.fans, outputs, strict=True)
+    ]
     who = f"motor {named[0]}" if len(named) == 1 else f"one of motors {' and '.join(named)}"
     what = f"{who} gives {loses} from {at.since_s:.1f} s on{_signs(at, failure.fans[0])}"
     motors = tuple(fan + 1 for fan in failure.fans)
@@ -157,7 +162,9 @@ def _signs(at: _At, fan: int) -> str:
     if output <= at.ctx.state.servo_us.shape[1]:
         pulses = at.ctx.state.servo_us[after, output - 1]
         t = at.motion.grid.t
-        before = at.ctx.state.servo_us[(t > at.since_s - WITHIN_S) & (t < at.since_s - 0.1), output - 1]
+        before = at.ctx.state.servo_us[
+            (t > at.since_s - WITHIN_S) & (t < at.since_s - 0.1), output - 1
+        ]
         if np.isfinite(pulses).any() and np.isfinite(before).any():
             top = float(np.nanmax(pulses))
             if top > float(np.nanmedian(before)) + 20.0:

@@ -16,21 +16,25 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, LogFault, SourceChoice
-from replay.residual.delays import Delay, range_delay_of, rotor_delay
+from replay.residual.delays import Delay, commanded, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.held_down import DID_NOT_FLY
-from replay.residual.log_state import decimated, named_channels, neutral_servos, raw_state, rotor_columns
+from replay.residual.log_state import (
+    decimated,
+    named_channels,
+    neutral_servos,
+    raw_state,
+    rotor_columns,
+)
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
 from replay.residual.motor_failure import motor_faults
 from replay.residual.reassigned import motors_reassigned
+from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Excluded, airborne, judged_time
-
-COMMANDED = 0.6
-"""Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 
 
 @dataclass(frozen=True)
@@ -91,14 +95,20 @@ def build_record(
     context = Context(state, vehicle, model)
     modelled = _modelled(context, effects)
     measured = measured_wrench(
-        motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
+        motion.force,
+        motion.gyro,
+        rate_of_change(motion.gyro, grid.rate),
+        vehicle.mass_kg,
+        vehicle.inertia_kgm2,
     )
     motors = motor_faults(log, context, motion, air.flying)
     begins_s = min((f.since_s for f in motors if f.since_s is not None), default=np.inf)
     failed = ("after a motor failed", grid.t >= begins_s - grid.smooth_s)
     reassigned = ("an output was taken from its motor", motors_reassigned(log, grid.t))
     time = judged_time(context, motion, modelled, air.flying, [*left_out, reassigned, failed])
-    doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
+    doubts = doubted(
+        log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes]
+    )
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)
     residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
@@ -117,7 +127,8 @@ def build_record(
             vehicle,
             model,
             clock_moved_s=max(rotors.correction_s, 0.0),
-            only_answers=rotors.correlation < COMMANDED,
+            commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
+            accelerometer=not derived,
             judged_s=(float(flown[0]), float(flown[-1])) if len(flown) else None,
         ),
         residual=residual,
@@ -137,7 +148,8 @@ def build_record(
     if record.seconds < SHORTEST_S and air.never:
         raise LogError(f"{log.path}: {DID_NOT_FLY}")
     if record.seconds < SHORTEST_S:
-        raise too_short(record)
+        slow = None if air.flying.any() else too_slow_to_fly(log, context, motion)
+        raise too_short(record) if slow is None else LogError(f"{log.path}: {slow}")
     return record
 
 
@@ -148,7 +160,8 @@ def _on_one_clock(
 
     The rotors' delay is found without distances: near a surface lift changes too slowly to move it.
     """
-    t, rotation = motion.grid.t, motion.rotation
+    t = motion.grid.t
+    rotation = motion.rotation
     state = raw_state(log, vehicle, motion)
     rotors = rotor_delay(Context(state, vehicle, model), motion.grid)
     ranges = range_delay_of(log, vehicle, t, rotation, motion.velocity, motion.position)
@@ -164,7 +177,9 @@ def _on_one_clock(
 def _modelled(context: Context, effects: tuple[AdoptedEffect, ...]) -> Array:
     """Modelled wrench (n, 6). A vane whose output is not in the log is taken to be straight."""
     state = replace(context.state, rpm=context.rotor_rpm)
-    straight = np.where(np.isfinite(state.servo_us), state.servo_us, neutral_servos(context.vehicle))
+    straight = np.where(
+        np.isfinite(state.servo_us), state.servo_us, neutral_servos(context.vehicle)
+    )
     out = modelled_wrench(context.vehicle, context.model, replace(state, servo_us=straight))
     return out + adopted_wrench(effects, context) if effects else out
 
@@ -183,4 +198,6 @@ def too_short(record: Record) -> LogError:
 def check_model(vehicle: Vehicle, model: FanSurrogate | None) -> None:
     """ConfigError where the empty model is asked of a vehicle file without ``ct``."""
     if model is None and vehicle.telemetered and any(f.ct is None for f in vehicle.fans):
-        raise ConfigError("vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it")
+        raise ConfigError(
+            "vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it"
+        )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -35,7 +37,7 @@ MOVES_US = 30.0
 """An output that never moves by more drives no motor in flight."""
 FEWEST_ORDERED = 3
 """Rotors that have an order."""
-APART_S, FOLLOWS_S = (0.03, 1.0), 0.3
+APART_S, FOLLOWS_S = (0.1, 2.0), 0.3
 """Half widths between which speeds and outputs are compared, and time within which a motor and its telemetry follow."""
 FOLLOWS, FOLLOWS_LESS = 0.6, 0.5
 """Correlation of every speed with another motor's output; that with its own is below this share of it."""
@@ -48,11 +50,14 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
     vehicle = ctx.vehicle
     if not vehicle.telemetered or flying.sum() < FEWEST_SAMPLES:
         return []
-    typical, spread = np.nanmedian(ctx.state.rpm[flying], axis=0), np.nanstd(ctx.state.rpm[flying], axis=0)
+    typical = np.nanmedian(ctx.state.rpm[flying], axis=0)
+    spread = np.nanstd(ctx.state.rpm[flying], axis=0)
     out = []
     for k, rpm in enumerate(typical):
         others = np.isfinite(typical) & (np.arange(len(typical)) != k)
-        usual, varies = (float(np.median(x[others])) if others.any() else np.nan for x in (typical, spread))
+        usual, varies = (
+            float(np.median(x[others])) if others.any() else np.nan for x in (typical, spread)
+        )
         tip = vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
         if rpm < DEAD_SHARE * usual:
             what = f"reads {rpm:.0f} rpm in flight{_output_of(ctx, k, flying)}"
@@ -68,52 +73,92 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
     return out
 
 
-def impossible_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
+def impossible_speeds(
+    log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask
+) -> list[LogFault]:
     """Speeds that no multirotor hovers with on such a battery: all in another unit, or by another number of poles.
 
     Of all ESCs of the log, whether or not the vehicle file takes its thrust from them.
     """
-    if log.battery is None or flying.sum() < FEWEST_SAMPLES:
+    if flying.sum() < FEWEST_SAMPLES:
         return []
-    t = motion.grid.t[flying]
-    voltage = log.battery.values[:, 0]
-    known = voltage[np.isfinite(voltage)]
-    speeds = {n: esc.rpm.at(t, MAX_GAP_S)[:, 0] for n, esc in log.escs.items() if esc.rpm is not None}
-    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds.values() if (rpm > 0.0).any()]
-    if not known.size or not turning:
-        return []
+    rpm = _median_rpm(log, motion.grid.t[flying])
+    what = None if rpm is None else misread(rpm, _hover(log, ctx.vehicle), log.parameters)
+    return [] if what is None else [LogFault(f"rpm_{min(log.escs)}", what)]
+
+
+def too_slow_to_fly(log: FlightLog, ctx: Context, motion: Trajectory) -> str | None:
+    """What is wrong with speeds that carry nothing by the vehicle file, of a log in which they never do; or None."""
     vehicle = ctx.vehicle
-    hover = Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=float(np.median(known)))
-    what = misread(float(np.median(turning)), hover, log.parameters)
-    return [] if what is None else [LogFault(f"rpm_{min(speeds)}", what)]
+    rpm = _median_rpm(log, motion.grid.t)
+    if rpm is None or not vehicle.telemetered or vehicle.assumed:
+        return None
+    hover = replace(_hover(log, vehicle), mass_kg=vehicle.mass_kg, radius_m=vehicle.rotor_radius_m)
+    return misread(rpm, hover, log.parameters)
 
 
-def shifted_speeds(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
+def _median_rpm(log: FlightLog, t: Array) -> float | None:
+    """Median speed [rpm] of the ESCs that turn at the times ``t`` (n,)."""
+    series = [esc.rpm for esc in log.escs.values() if esc.rpm is not None]
+    speeds = [rpm.at(t, MAX_GAP_S)[:, 0] for rpm in series]
+    turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds if (rpm > 0.0).any()]
+    return float(np.median(turning)) if turning else None
+
+
+def _hover(log: FlightLog, vehicle: Vehicle) -> Hover:
+    """What is known without doubt: rotors and battery."""
+    voltage = np.empty(0) if log.battery is None else log.battery.values[:, 0]
+    known = voltage[np.isfinite(voltage)]
+    volts = float(np.median(known)) if known.size else np.nan
+    return Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=volts)
+
+
+def shifted_speeds(
+    log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask
+) -> list[LogFault]:
     """Speeds that stand at other ESC numbers than their motors: each follows the output of another one.
 
     Right is ArduPilot's rule (an ESC has the number of its output), PX4's (that of its motor), and the mere order.
     """
     vehicle = ctx.vehicle
     numbers = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
-    moving = _moving_outputs(ctx, flying)
+    if flying.sum() < FEWEST_SAMPLES:
+        return []
+    declared = log.motor_outputs.numbers
+    ours = set(declared.values())
+    moving = [o for o in _moving_outputs(ctx, flying) if not ours or o in ours]
     if not vehicle.telemetered or len(numbers) < FEWEST_ORDERED or len(numbers) != len(moving):
         return []
     fits = _followed(ctx, motion, flying, moving)
-    order = [moving[k] for k in fits.argmax(axis=1).tolist()]
-    if len(set(order)) < len(order) or fits.max(axis=1).min() < FOLLOWS:
-        return []
     ranks = dict(zip(sorted(numbers), moving, strict=True))
-    declared = log.motor_outputs.numbers
     by_motor = {motor: declared.get(motor, motor) for motor in range(1, len(numbers) + 1)}
-    right = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
-    least = FOLLOWS_LESS * fits.max(axis=1).mean()
-    for way in right:
-        columns = [moving.index(o) for o in way if o in moving]
-        if len(columns) == len(way) and fits[range(len(way)), columns].mean() > least:
-            return []
-    said = ", ".join(f"ESC {n} output {o}" for n, o in sorted(zip(numbers, order, strict=True)))
-    what = f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
+    ways = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
+    right = [[moving.index(o) for o in way] for way in ways if set(way) == set(moving)]
+    rows = range(len(numbers))
+    usual = max(float(fits[rows, way].mean()) for way in right)
+    wrong = [order for way in right for order in _disorders(way)]
+    best = max(wrong, key=lambda order: round(float(fits[rows, order].mean()), 1))
+    found = float(fits[rows, best].mean())
+    if found < FOLLOWS or usual > FOLLOWS_LESS * found:
+        return []
+    pairs = sorted(zip(numbers, [moving[k] for k in best], strict=True))
+    said = ", ".join(f"ESC {n} output {o}" for n, o in pairs)
+    what = (
+        f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
+    )
     return [LogFault(f"rpm_{min(numbers)}", what)]
+
+
+def _disorders(way: list[int]) -> list[list[int]]:
+    """Orders that a mistake makes of ``way``: shifted by one, by more, and two exchanged."""
+    steps = sorted(range(1, len(way)), key=lambda step: min(step, len(way) - step))
+    out = [way[-step:] + way[:-step] for step in steps]
+    for i, j in combinations(range(len(way)), 2):
+        other = list(way)
+        other[i] = way[j]
+        other[j] = way[i]
+        out.append(other)
+    return out
 
 
 def _moving_outputs(ctx: Context, flying: Mask) -> list[int]:
@@ -161,7 +206,9 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
     return [
         LogFault(f"rpm_{number}", "turns in flight, and the vehicle file knows no such rotor")
         for number, esc in log.escs.items()
-        if number not in known and esc.rpm is not None and float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual
+        if number not in known
+        and esc.rpm is not None
+        and float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual
     ]
 
 
@@ -171,7 +218,9 @@ def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     curve = ctx.vehicle.throttle
     if curve is None or not flying.any():
         return [], never
-    outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)
+    outputs = np.stack(
+        [ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1
+    )
     with np.errstate(invalid="ignore"):
         at_stop = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
     at_stop &= flying[:, None]
@@ -180,7 +229,9 @@ def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     if share <= FULL_REPORTED:
         return [], never
     channel = _channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
-    return [LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")], full
+    return [
+        LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")
+    ], full
 
 
 def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
@@ -195,11 +246,13 @@ def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> li
     """All outputs, or all speeds of a vehicle that turns, are one number: no moment can be modelled."""
     vehicle = ctx.vehicle
     if vehicle.telemetered:
-        values, most = ctx.state.rpm[flying], EQUAL_RPM
+        values = ctx.state.rpm[flying]
+        most = EQUAL_RPM
         what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
     else:
         assert log.servo is not None
-        values, most = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]], EQUAL_US
+        values = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]
+        most = EQUAL_US
         what = "all servo outputs are copies of one number: moments cannot be judged"
     values = values[np.isfinite(values).all(axis=1)]
     if values.shape[1] < 2 or len(values) < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:

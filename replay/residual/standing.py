@@ -53,11 +53,15 @@ def standing(ctx: Context, motion: Trajectory, rotor_hz: float) -> Mask:
 
 def _unanswered(ctx: Context, motion: Trajectory, lift: Array) -> Mask:
     """Samples (n,) around which lift and moments vary and neither the accelerometer nor the gyro follows."""
-    vehicle, rate = ctx.vehicle, motion.grid.rate
+    vehicle = ctx.vehicle
+    rate = motion.grid.rate
     unit = ctx.weight * ctx.lever
     pairs = [(lift / ctx.weight, -vehicle.mass_kg * motion.force[:, 2] / ctx.weight)]
     turning = rate_of_change(motion.gyro, rate)
-    pairs += [(ctx.rotor_moment[:, a] / unit, vehicle.inertia_kgm2[a] * turning[:, a] / unit) for a in (0, 1)]
+    pairs += [
+        (ctx.rotor_moment[:, a] / unit, vehicle.inertia_kgm2[a] * turning[:, a] / unit)
+        for a in (0, 1)
+    ]
     out = np.ones(len(lift), bool)
     for modelled, measured in pairs:
         asked, answered = (_unsteady(x, rate) for x in (modelled, measured))

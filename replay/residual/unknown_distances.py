@@ -117,7 +117,9 @@ def _standing_by_log(log: FlightLog, t: Array) -> Mask:
     return stood
 
 
-def _top_m(log: FlightLog, vehicle: Vehicle, surface: Surface, distance: Array, far_m: float) -> float:
+def _top_m(
+    log: FlightLog, vehicle: Vehicle, surface: Surface, distance: Array, far_m: float
+) -> float:
     """Distance [m] at which a sensor may fall silent because nothing is in its range, at most ``far_m``.
 
     By the range that it states; by its farthest reading where it states none.
@@ -156,10 +158,14 @@ def _too_little_left(flying: Mask, near: Mask, rate: float) -> bool:
 def _known_near(state: AirState, surface: Surface, vehicle: Vehicle) -> Mask:
     """Samples (n,) at which the surface is known to matter."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(getattr(state, surface.nearest).min(axis=1) < EFFECT_RADII * vehicle.rotor_radius_m)
+        return np.asarray(
+            getattr(state, surface.nearest).min(axis=1) < EFFECT_RADII * vehicle.rotor_radius_m
+        )
 
 
 def _moved_away(state: AirState, surface: Surface, when: Mask) -> AirState:
     """The state with a surface at infinity ``when`` (n,)."""
-    columns = {name: np.where(when[:, None], np.inf, getattr(state, name)) for name in surface.columns}
+    columns = {
+        name: np.where(when[:, None], np.inf, getattr(state, name)) for name in surface.columns
+    }
     return replace(state, **columns)

@@ -87,7 +87,9 @@ def judged_time(
 
     ``left_out``: other time (n,) that is not judged, by its reason.
     """
-    state, grid, force = ctx.state, motion.grid, motion.force
+    state = ctx.state
+    grid = motion.grid
+    force = motion.force
     heights = np.where(np.isfinite(state.h_m), state.h_m, np.inf)
     unknown = _incomplete(force) | _incomplete(state.rotation) | _incomplete(ctx.thrust)
     reasons: tuple[tuple[str, Any, float], ...] = (
@@ -117,9 +119,12 @@ def _incomplete(x: Array) -> Mask:
 def airborne(log: FlightLog, ctx: Context, motion: Trajectory) -> Airborne:
     """When the vehicle is in the air: armed, with lift, not on the ground by the autopilot, and not held."""
     grid = motion.grid
-    t, lift = grid.t, ctx.thrust.sum(axis=1)
+    t = grid.t
+    lift = ctx.thrust.sum(axis=1)
     with np.errstate(invalid="ignore"):
-        flying = running_mean(lift, int(LIFT_S * grid.rate)) > AIRBORNE_SHARE * _needed_lift(ctx, lift)
+        flying = running_mean(lift, int(LIFT_S * grid.rate)) > AIRBORNE_SHARE * _needed_lift(
+            ctx, lift
+        )
     for interval in log.landed:
         if interval.value == 1:
             flying &= ~((t >= interval.start_s) & (t < interval.end_s))
@@ -138,7 +143,11 @@ def _needed_lift(ctx: Context, lift: Array) -> float:
         return ctx.weight
     most = float(np.nanquantile(lift, 0.9))
     rose = float(np.nanmax(height) - np.nanmin(height)) > ROSE_M
-    return most if rose and ROTORS_OFF_SHARE * ctx.weight < most < AIRBORNE_SHARE * ctx.weight else ctx.weight
+    return (
+        most
+        if rose and ROTORS_OFF_SHARE * ctx.weight < most < AIRBORNE_SHARE * ctx.weight
+        else ctx.weight
+    )
 
 
 def _jumps(ctx: Context, grid: Grid) -> Mask:
@@ -159,6 +168,10 @@ def _without_clipped(time: JudgedTime, force: Array, axis: int, rate: float) -> 
     share = float(np.mean(clipped))
     note = f"accelerometer {'xyz'[axis]} clipped at {top:.1f} m/s^2 in {share:.0%} of the samples"
     if share <= BIASED_SHARE:
-        return replace(time, notes=(*time.notes, note)).without("the accelerometer was clipped", clipped, rate, CLIP_S)
+        return replace(time, notes=(*time.notes, note)).without(
+            "the accelerometer was clipped", clipped, rate, CLIP_S
+        )
     distrust = f"F{'xyz'[axis]} is not judged: its mean is not to be trusted"
-    return replace(time, notes=(*time.notes, note, distrust), unjudged_axes=(*time.unjudged_axes, axis))
+    return replace(
+        time, notes=(*time.notes, note, distrust), unjudged_axes=(*time.unjudged_axes, axis)
+    )

@@ -73,7 +73,10 @@ def exchanged_fans(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFa
         return []
     most = int(ANSWER_S * rate)
     fit = {
-        o: min(_correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most).max() for a in (0, 1))
+        o: min(
+            _correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most).max()
+            for a in (0, 1)
+        )
         for o in orders
     }
     best = max(orders, key=lambda o: round(fit[o], 6))
@@ -98,7 +101,12 @@ def exchanged_spins(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogF
     if r >= OPPOSED or at == len(found) - 1 or found[0] >= 0.0:
         return []
     spins = "clockwise and counter-clockwise are exchanged"
-    return [LogFault("vehicle file", f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})")]
+    return [
+        LogFault(
+            "vehicle file",
+            f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})",
+        )
+    ]
 
 
 def _moments(thrust: Array, places: Array, order: Order) -> Array:
@@ -121,7 +129,11 @@ def _orders(places: Array, lever: float) -> dict[Order, str]:
     for what, where in moved.items():
         distance = np.linalg.norm(where[:, None] - places[None], axis=2)
         order = tuple(int(k) for k in distance.argmin(axis=1))
-        if len(set(order)) == n and distance.min(axis=1).max() < SAME_PLACE * lever and order not in out:
+        if (
+            len(set(order)) == n
+            and distance.min(axis=1).max() < SAME_PLACE * lever
+            and order not in out
+        ):
             out[order] = what
     out.pop(tuple(range(n)), None)
     return out
@@ -131,7 +143,8 @@ def _correlations(cause: Array, effect: Array, flying: Mask, most: int) -> Array
     """Correlation (m,) of an effect 0 to ``most`` samples behind its cause; 0 where too little is known."""
     out = []
     for lag in range(0, most + 1, max(most // 10, 1)):
-        a, b = cause[: len(cause) - lag], effect[lag:]
+        a = cause[: len(cause) - lag]
+        b = effect[lag:]
         use = flying[lag:] & np.isfinite(a) & np.isfinite(b)
         known = use.sum() >= FEWEST_COMMON and a[use].std() > 0.0 and b[use].std() > 0.0
         out.append(float(np.corrcoef(a[use], b[use])[0, 1]) if known else 0.0)

@@ -16,7 +16,9 @@ LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
 AMPLITUDE = 3.0
 """Prior standard deviation of a curve, in hundredths of the weight."""
-SAME_SENSOR = dict(zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True))
+SAME_SENSOR = dict(
+    zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True)
+)
 """Channels whose own noise is in the residual of an axis, and that axis."""
 REACTIONS = {
     "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
@@ -31,7 +33,9 @@ REACTIONS = {
 The pack's current does; its voltage also falls with the charge, which makes it a cause.
 """
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
-"""Channels that nothing but disturbances move in a flight that only hovers."""
+"""Channels that nothing but disturbances move in a flight that only hovers: a curve is as likely as commands are."""
+ATTITUDE = ("roll_rad", "pitch_rad")
+"""Channels that go with the speed in steady flight: what drag explains is none of theirs."""
 ODDS, REACTION_ODDS = 2e-4, 1e-5
 """Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
 of one over a channel that responds to disturbances."""
@@ -82,24 +86,30 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     if SAME_SENSOR.get(name) == axis:
         return None
     vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
-    if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):  # vanes do not change lift
+    if name.startswith(REACTIONS[axis]) and not (
+        axis == "Fz" and name in vanes
+    ):  # vanes do not change lift
         return REACTION_ODDS if axis.startswith("F") else None
-    if name.startswith(DRIFTS) and all(r.context.only_answers for r in records):
-        return None
+    if name.startswith(DRIFTS):
+        return ODDS * max(r.context.if_commanded(1.0) for r in records)
     return ODDS
 
 
 def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | None:
     """Smooth curves over the channel's range (n, k) a flight, less their mean; None where it does not vary."""
     values = [r.channels.get(name) for r in records]
-    known = np.concatenate([v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None])
+    known = np.concatenate(
+        [v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None]
+    )
     if len(known) < FEWEST:
         return None
     turned = name == "yaw_rad" and np.ptp(np.unwrap(known)) >= LEAST_TURN_RAD
     smooth = _of_heading if turned else None if name == "yaw_rad" else _of_range(known)
     if smooth is None:
         return None
-    return tuple(None if v is None else _centred(smooth(v), r) for v, r in zip(values, records, strict=True))
+    return tuple(
+        None if v is None else _centred(smooth(v), r) for v, r in zip(values, records, strict=True)
+    )
 
 
 def _of_heading(yaw: Array) -> Array:
@@ -116,14 +126,20 @@ def _of_range(known: Array) -> Callable[[Array], Array] | None:
     low, high = np.quantile(known, [0.01, 0.99])
     if high - low < 1e-9:
         return None
-    at = np.unique(np.concatenate([np.linspace(low, high, KNOTS), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]))
+    at = np.unique(
+        np.concatenate(
+            [np.linspace(low, high, KNOTS), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]
+        )
+    )
     at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]
     distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
     factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
 
     def smooth(v: Array) -> Array:
         x = np.clip(np.where(np.isfinite(v), v, np.median(known)), low, high)
-        return np.asarray(np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1) @ factor)
+        return np.asarray(
+            np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1) @ factor
+        )
 
     return smooth
 

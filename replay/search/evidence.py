@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
@@ -33,14 +32,19 @@ TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
 """Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
-LOUDEST = 5.0
-"""Prior standard deviation of the noise's standard deviation, in hundredths of the weight: no air is as unsteady."""
+LOUDEST, GUST_S = 5.0, 1.0
+"""Prior standard deviation of the noise's, in hundredths of the weight: no air is as unsteady; and how long gusts last
+[s]: height over speed (Dryden spectrum, MIL-F-8785C), 5 m over 5 m/s."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
 """Relative change of the noise below which they agree."""
+WORTH_A_SET = 7500.0
+"""So many samples, of all axes together, cost as much as what a set costs whatever the flight's length."""
+KEPT_DESIGNS = 8
+"""Sets of which the columns are kept: each is some MiB of a long flight."""
 NOTHING: Mapping[int, Mask] = {}
 
 
@@ -106,17 +110,27 @@ class Evidence:
         self._white: dict[tuple[int, int], Whitened] = {}
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         channels = library.channels
-        self._det = np.array([[s.log_determinant(c.run) for s in self.spectra] for c in channels]).reshape(
-            -1, len(self.spectra)
-        )
+        self._det = np.array(
+            [[s.log_determinant(c.run) for s in self.spectra] for c in channels]
+        ).reshape(-1, len(self.spectra))
         self._counts = np.array([c.count for c in channels])
+        share = np.array([s.slow_share for s in self.spectra])
+        slower = np.maximum(np.array([s.slow_s for s in self.spectra]) / GUST_S, 1.0)
+        # The mean of gusts over a longer time is smaller: of what lasts, and is louder, something steady is the cause.
+        unit = LOUDEST * np.array([c.limit for c in channels])[:, None]
+        self._unlikely = 0.5 * (share * slower + 1.0 - share) / unit**2
+        """Minus the log prior of the noise over its variance, (channels, spectra)."""
         smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
+        self._designs: dict[tuple[Term, ...], Design] = {}
+        self._samples = sum(len(c.run) for c in channels)
+        self.work = 0.0
+        """What was spent on sets so far, the same on every machine: one for each, more for long flights."""
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
-        rest = [channel.rows[0] for channel in self.library.channels]
+        rest = [np.stack([channel.rows[0] for channel in axes]) for axes in self.library.flights]
         return self._noise(rest, self._energies(rest), np.zeros(len(self.library.channels)))
 
     @cached_property
@@ -126,7 +140,9 @@ class Evidence:
         for channel in self.library.channels:
             known = (channel.run >= 0).astype(float)
             kernel = np.ones(min(round(QUIET_S / STEP_S), len(known)))
-            mean = np.convolve(channel.rows[0], kernel, "same") / np.maximum(np.convolve(known, kernel, "same"), 1.0)
+            mean = np.convolve(channel.rows[0], kernel, "same") / np.maximum(
+                np.convolve(known, kernel, "same"), 1.0
+            )
             fast = np.where(known > 0, channel.rows[0] - mean, 0.0)
             sigma.append(float(np.sqrt(fast @ fast / channel.count + (FLOOR * channel.limit) ** 2)))
         number = [(s.slow_s, s.slow_share) for s in self.spectra].index(QUIET_SPECTRUM)
@@ -143,9 +159,9 @@ class Evidence:
         return fit
 
     def _loud(self, noise: Noise) -> float:
-        """Minus the log prior of the noise: half-normal in its standard deviation."""
-        units = (LOUDEST * c.limit for c in self.library.channels)
-        return 0.5 * sum((sigma / unit) ** 2 for sigma, unit in zip(noise.sigma, units, strict=True))
+        """Minus the log prior of the noise: half-normal in the standard deviation of its slow and its fast part."""
+        unlikely = self._unlikely[np.arange(len(noise.spectrum)), list(noise.spectrum)]
+        return float(unlikely @ np.square(noise.sigma))
 
     def _once(self, terms: Sequence[Term], noise: Noise) -> Fit:
         key = tuple(terms), noise
@@ -154,29 +170,46 @@ class Evidence:
         return self._fits[key]
 
     def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
-        design = Design(self.library, terms)
+        design = self._design(terms)
         for left in reversed(range(ROUNDS + 1)):
             b, cov = self._posterior(design, noise)
             u = Contributions(design, b, cov)
-            form, energies = form_variance(u), self._energies(u.rest)
+            form = form_variance(u)
+            energies = self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
-            if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
+            if not left or (
+                fresh.spectrum == noise.spectrum
+                and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)
+            ):
                 break
             noise = fresh
-        evidence = self._laplace(design, b, cov, energies, form)
-        prior = sum(t.prior for t in terms) - self._loud(noise)
+        evidence, loud = self._laplace(design, b, cov, energies, form)
+        prior = sum(t.prior for t in terms) - loud
         return Fit(terms, b, cov, noise, evidence, beyond_bounds(terms, b, cov), worth(u), prior)
 
-    def deserved(self, terms: Sequence[Term], noise: Noise) -> float:
-        """``within`` and ``worth`` of a set beside a given noise."""
-        terms = tuple(terms)
-        design = Design(self.library, terms)
-        b, cov = self._posterior(design, noise)
-        return worth(Contributions(design, b, cov)) + beyond_bounds(terms, b, cov)
+    def deserved(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
+        """``within`` and ``worth`` of a set beside a given noise; where it is below ``least``, something below that.
 
-    def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
+        At most ``possible``.
+        """
+        terms = tuple(terms)
+        design = self._design(terms)
+        b, cov = self._posterior(design, noise)
+        within = beyond_bounds(terms, b, cov)
+        return within if within < least else within + worth(Contributions(design, b, cov))
+
+    @staticmethod
+    def possible(terms: Sequence[Term]) -> float:
+        """What ``deserved`` is where every coefficient is surely within its bounds, and every term worth a name."""
+        return -sum(t.log_within for t in terms)
+
+    def refit(
+        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING
+    ) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        return Fit(tuple(terms), *self._posterior(Design(self.library, terms), noise, left_out), noise)
+        return Fit(
+            tuple(terms), *self._posterior(self._design(tuple(terms)), noise, left_out), noise
+        )
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -186,31 +219,38 @@ class Evidence:
         With a ``key``: of the terms with that key only, NaN for the others.
         """
         library = self.library
-        by_width: dict[int, list[int]] = {}
-        for i in range(len(library.terms)) if key is None else library.numbers_of[key]:
-            by_width.setdefault(len(library.terms[i].columns), []).append(i)
-        set_columns, x_bias = Design(library, fit.terms).columns, library.x_bias
-        cross, g = x_bias[:, set_columns].T @ x_bias, library.bias @ x_bias
-        for white, variance in self._channels(fit.noise):
+        out = np.full(len(library.terms), np.nan)
+        groups = library.alike(key)
+        if not groups:
+            return out
+        asked = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
+        set_columns = self._design(fit.terms).columns
+        x_bias = library.x_bias[:, asked]
+        cross = library.x_bias[:, set_columns].T @ x_bias
+        g = library.bias @ x_bias
+        channels = list(self._channels(fit.noise))
+        for white, variance in channels:
             where = white.channel.where
-            cross += white.gram[np.ix_(where[set_columns], where)] / variance
-            g += white.gram[0, where] / variance
+            beside = np.concatenate([[0], where[set_columns]])
+            gram = white.between(beside, where[asked]) / variance
+            g += gram[0]
+            cross += gram[1:]
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
-        out = np.full(len(library.terms), np.nan)
-        for numbers in by_width.values():
-            columns, centre = (
-                np.stack([getattr(library.terms[i], of) for i in numbers]) for of in ("columns", "centre")
-            )
-            bias = x_bias[:, columns].transpose(1, 2, 0)
-            own = np.eye(columns.shape[1]) - across[columns] @ cross[:, columns].transpose(1, 0, 2)
+        for group in groups:
+            columns = group.columns
+            centre = group.centre
+            at = np.searchsorted(asked, columns)
+            bias = x_bias[:, at].transpose(1, 2, 0)
+            own = np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2)
             own += bias @ bias.transpose(0, 2, 1)
-            for white, variance in self._channels(fit.noise):
-                local = white.channel.where[columns]
-                own += white.gram[local[:, :, None], local[:, None, :]] / variance
-            v = g[columns] + centre
-            gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            for white, variance in channels:
+                own += white.within(white.channel.where[columns]) / variance
+            v = g[at] + centre
+            gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(
+                axis=1
+            )
+            out[group.numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
@@ -227,7 +267,21 @@ class Evidence:
                 best[term.key] = (odds, term)
         return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
 
+    def forget(self, term: Term) -> None:
+        """Take the library's last term out: it is not weighed any more."""
+        self.library.forget(term)
+        for white in self._white.values():
+            white.forget()
+
     # --- Parts --------------------------------------------------------------------------------------------------------
+
+    def _design(self, terms: tuple[Term, ...]) -> Design:
+        """Of a set; the latest are kept, as a set is often weighed beside several noises in a row."""
+        design = self._designs.pop(terms, None) or Design(self.library, terms)
+        self._designs[terms] = design
+        if len(self._designs) > KEPT_DESIGNS:
+            del self._designs[next(iter(self._designs))]
+        return design
 
     def _channels(self, noise: Noise) -> Iterator[tuple[Whitened, float]]:
         """Every channel through the filter of its noise, and the variance of that."""
@@ -238,9 +292,9 @@ class Evidence:
 
     def _energies(self, rest: Sequence[Array]) -> Array:
         """Sum of squares of the innovations of every channel by every spectrum, (channels, spectra)."""
-        parts = zip(rest, self.library.channels, strict=True)
-        energies = [whitened_energies(self._filters, e, channel.run) for e, channel in parts]
-        return np.array(energies).reshape(-1, len(self.spectra))
+        flights = zip(rest, self.library.flights, strict=True)
+        energies = [whitened_energies(self._filters, e, axes[0].run) for e, axes in flights]
+        return np.concatenate([np.empty((0, len(self.spectra))), *energies])
 
     def _noise(self, rest: Sequence[Array], energies: Array, form: Array) -> Noise:
         """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor.
@@ -248,7 +302,7 @@ class Evidence:
         The least n log s^2 + E / s^2 + log det R of those with a slow share up to FITTED_SHARE: E ``energies``.
         """
         counts = self._counts[:, None]
-        raw = np.array([e @ e for e in rest]) / self._counts
+        raw = np.concatenate([np.empty(0), *((e**2).sum(axis=1) for e in rest)]) / self._counts
         variance = self._variance(energies, np.maximum(raw, form))
         cost = counts * np.log(variance) + energies / variance + self._det
         best = np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf), axis=1)
@@ -263,29 +317,48 @@ class Evidence:
         lowest = np.maximum(least[:, None], self._floor)
         return np.asarray(np.maximum(energies / self._counts[:, None], lowest))
 
-    def _laplace(self, design: Design, b: Array, cov: Array, energies: Array, form: Array) -> float:
-        """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
+    def _laplace(
+        self, design: Design, b: Array, cov: Array, energies: Array, form: Array
+    ) -> tuple[float, float]:
+        """Log marginal likelihood by Laplace's approximation, and minus the log prior of the noise in it.
+
+        The noise is what is left, by the spectrum that is likeliest with its prior.
+        """
         variance = self._variance(energies, form)
-        cost = self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det
-        value = -0.5 * float(cost.min(axis=1).sum())
+        cost = 0.5 * (
+            self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det
+        )
+        loud = self._unlikely * variance
+        best = np.arange(len(cost)), np.argmin(np.round(TRUST * cost + loud, 6), axis=1)
+        value = -float(cost[best].sum())
         left = self.library.bias - self.library.x_bias[:, design.columns] @ b
         value -= 0.5 * float(left @ left)
         off = b - design.centre
         value -= 0.5 * float(off @ off)
-        return value + 0.5 * float(np.linalg.slogdet(cov)[1]) if len(b) else value
+        if len(b):
+            value += 0.5 * float(np.linalg.slogdet(cov)[1])
+        return value, float(loud[best].sum())
 
-    def _posterior(self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> tuple[Array, Array]:
+    def _posterior(
+        self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING
+    ) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
+        self.work += 1.0 + self._samples / WORTH_A_SET
         r = design.centre.copy()
         a = np.eye(len(r))
         for white, variance in self._channels(noise):
             flight = white.channel.flight
             rows = np.concatenate([[0], white.channel.where[design.columns]])
-            gram = white.gram_of(rows, ~left_out[flight]) if flight in left_out else white.gram[np.ix_(rows, rows)]
+            if flight in left_out:
+                gram = white.gram_of(rows, ~left_out[flight])
+            elif white in design.products:
+                gram = design.products[white]
+            else:
+                gram = design.products[white] = white.between(rows, rows)
             a += gram[1:, 1:] / variance
             r += gram[0, 1:] / variance
         x_bias = self.library.x_bias[:, design.columns]
         a += x_bias.T @ x_bias
         r += x_bias.T @ self.library.bias
-        factor = cho_factor(a, lower=True, check_finite=False)
-        return cho_solve(factor, r, check_finite=False), cho_solve(factor, np.eye(len(r)), check_finite=False)
+        cov = np.asarray(np.linalg.inv(a))
+        return np.asarray(cov @ r), cov

@@ -94,19 +94,25 @@ class FlightFit:
         """Energy that one effect removes beside the others; of all judged axes, or of some."""
         if key not in self.effects:
             return 0.0
-        return self.energy(self.after + self.effects[key].held_out, axes) - self.energy(self.after, axes)
+        return self.energy(self.after + self.effects[key].held_out, axes) - self.energy(
+            self.after, axes
+        )
 
     def without_axis(self, key: Key, axis: int) -> FlightFit:
         """The same with an effect that does not act on one axis."""
         acting = self.effects[key]
         held_out = np.where(np.arange(6) == axis, 0.0, acting.held_out)
-        less = replace(acting, held_out=held_out, axes=tuple(a for a in acting.axes if a != AXES[axis]))
+        less = replace(
+            acting, held_out=held_out, axes=tuple(a for a in acting.axes if a != AXES[axis])
+        )
         return replace(self, effects=self.effects | {key: less})
 
     def energy(self, residual: Array, axes: Sequence[int] | None = None) -> float:
         """Of all judged axes, or of some, in hundredths of the weight."""
         axes = list(self.record.axes if axes is None else axes)
-        return float(((residual[self.record.valid] / hundredths(self.record.context))[:, axes] ** 2).sum())
+        return float(
+            ((residual[self.record.valid] / hundredths(self.record.context))[:, axes] ** 2).sum()
+        )
 
 
 def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
@@ -117,13 +123,20 @@ def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
     return [replace(fit, confirms=_confirmed(evidence, best, fit, fits)) for fit in fits]
 
 
+def folds_of(library: Library, flight: int) -> list[Mask]:
+    """Of every fold, the samples (n,) of a flight's channels that it is not fitted on."""
+    _, fitted = _split(library.records[flight])
+    return [~rows[:: library.every[flight]] for rows in fitted]
+
+
 def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
     seen = np.isin(np.arange(6), (*record.axes, *record.blind))
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
-    fold_of, fitted = _split(record)
-    every = library.every[f]
-    folds = [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}) for rows in fitted]
+    fold_of, _ = _split(record)
+    folds = [
+        evidence.refit(best.terms, best.noise, {f: left_out}) for left_out in folds_of(library, f)
+    ]
     effects: dict[Key, Acting] = {}
     rest = before
     for t in best.terms:
@@ -156,9 +169,12 @@ def _acting(
     return acting, np.where(judged, own + bent, 0.0)
 
 
-def _curves(library: Library, best: Fit, fit: FlightFit) -> tuple[tuple[CarryingChannel, ...], Array]:
+def _curves(
+    library: Library, best: Fit, fit: FlightFit
+) -> tuple[tuple[CarryingChannel, ...], Array]:
     """Which channel carries how much of what is left, and the sum of their free curves (n, 6)."""
-    carriers, curves = [], np.zeros_like(fit.before)
+    carriers = []
+    curves = np.zeros_like(fit.before)
     for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
         a = AXES.index(t.axis or "")
         with_it = fit.energy(fit.after - curves, [a])
@@ -186,16 +202,24 @@ def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
     return fold[block], ~near[:, block]
 
 
-def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]) -> frozenset[Key]:
+def _confirmed(
+    evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]
+) -> frozenset[Key]:
     """Effects that lower the residual of a flight where they were fitted on the others."""
-    left_out = {fit.index: np.ones(len(fit.record.valid[:: evidence.library.every[fit.index]]), bool)}
+    left_out = {
+        fit.index: np.ones(len(fit.record.valid[:: evidence.library.every[fit.index]]), bool)
+    }
     others = evidence.refit(best.terms, best.noise, left_out)
     out = set()
     for t in (t for t in best.terms if t.effect is not None and fit.index in t.places):
         if len(t.places) < 2:
-            good = any(o.effect is not None and o.name == t.name and o.key != t.key for o in best.terms)
+            good = any(
+                o.effect is not None and o.name == t.name and o.key != t.key for o in best.terms
+            )
         elif t.named.kept:
-            good = _removes(fit, fit.rest + _wrench(evidence, best, t, fit), _wrench(evidence, others, t, fit))
+            good = _removes(
+                fit, fit.rest + _wrench(evidence, best, t, fit), _wrench(evidence, others, t, fit)
+            )
         else:
             good = _of_day_removes(evidence, best, t, fit) and any(
                 _of_day_removes(evidence, best, t, fits[f]) for f in t.places if f != fit.index
@@ -205,7 +229,9 @@ def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightF
     return frozenset(out)
 
 
-def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Array | float = 1.0) -> Array:
+def _wrench(
+    evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Array | float = 1.0
+) -> Array:
     """An effect (n, 6) on a flight by the coefficients of a fit, each times ``share`` (k,)."""
     x, _ = evidence.library.wrenches(t, flight.index)
     return np.asarray(x @ (fit.sizes(t, flight.index) * share))
@@ -224,8 +250,11 @@ def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
     The gain sum |r|^2 - |r - w|^2 is above CONFIRM_SHARE sum |r|^2, and above 0 in 97.5 % of DRAWS bootstrap samples of
     its blocks (Künsch 1989, Annals of Statistics 17, 1217).
     """
-    axes, valid = list(fit.record.axes), fit.record.valid
-    left, removed = ((x[valid] / hundredths(fit.record.context))[:, axes] for x in (residual, wrench))
+    axes = list(fit.record.axes)
+    valid = fit.record.valid
+    left, removed = (
+        (x[valid] / hundredths(fit.record.context))[:, axes] for x in (residual, wrench)
+    )
     gain = (left**2 - (left - removed) ** 2).sum(axis=1)
     count = max(int(fit.record.seconds / CONFIRM_BLOCK_S), 2)
     blocks = np.array([part.sum() for part in np.array_split(gain, count)])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate, zip_longest
+from itertools import accumulate, groupby, zip_longest
 
 import numpy as np
 
 from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Columns, ResidualChannel, hundredths
-from replay.search.curves import AMPLITUDE, Curve, curves
+from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
+from replay.search.curves import AMPLITUDE, ATTITUDE, Curve, curves
 from replay.search.noise_spectra import runs
 from replay.search.terms import (
     FORM_PRIOR,
@@ -23,6 +24,7 @@ from replay.search.terms import (
     log_shapes,
     prior_of,
     regressors_of,
+    unmixed_regressors,
 )
 
 KNOWN = 0.02
@@ -49,6 +51,15 @@ Prior = tuple[int, float, float, float, float, float]
 """Of a coefficient: column, standard deviation, and in units of that mean, bounds, and 1 where it makes the effect."""
 
 
+@dataclass(frozen=True)
+class Alike:
+    """Terms of one width k: their numbers (t,), columns (t, k) and prior means (t, k)."""
+
+    numbers: list[int]
+    columns: Columns
+    centre: Array
+
+
 class Library:
     """All terms of some flights, and the channels that they act on.
 
@@ -56,7 +67,10 @@ class Library:
     """
 
     def __init__(
-        self, records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[Sequence[Array]] = ()
+        self,
+        records: Sequence[Record],
+        effects: Sequence[Effect],
+        beside: Sequence[Sequence[Array]] = (),
     ) -> None:
         self.records = list(records)
         self._beside = beside or [()] * len(self.records)
@@ -66,9 +80,14 @@ class Library:
         self._trims: list[tuple[int, Array]] = []
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
+        self.flights = [list(axes) for _, axes in groupby(self.channels, key=lambda c: c.flight)]
+        """The channels of every flight that has some: they share its time, and are worked on together."""
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self.numbers_of: dict[Key, list[int]] = {}
         """Numbers of the terms with a key: one effect in all its shapes."""
+        self._alike: dict[Key | None, tuple[Term, list[Alike]]] = {}
+        self._unmixed: dict[tuple[str, int], Columns] = {}
+        """Of an effect whose shape only mixes its regressors, and a flight: the columns that are mixed."""
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
         self.remainders: list[Effect] = []
@@ -86,7 +105,9 @@ class Library:
             for axis in t.effect.axes
         }  # fmt: skip
         for curve in curves(self.records):
-            self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
+            self._add_curve(
+                curve, curve.name in ATTITUDE or (curve.name, AXES[curve.axis]) in known
+            )
         self.trim = self._add_trim()
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
         self.bias, self.x_bias = np.empty(0), np.empty((0, 0))
@@ -99,6 +120,39 @@ class Library:
         self._reach()
         return self.terms[-1]
 
+    def alike(self, key: Key | None) -> list[Alike]:
+        """All terms by their width, or those with a key."""
+        numbers = range(len(self.terms)) if key is None else self.numbers_of[key]
+        if not numbers:
+            return []
+        last = self.terms[numbers[-1]]
+        known = self._alike.get(key)
+        if known is not None and known[0] is last:
+            return known[1]
+        by_width: dict[int, list[int]] = {}
+        for i in numbers:
+            by_width.setdefault(len(self.terms[i].columns), []).append(i)
+        groups = [
+            Alike(
+                same,
+                *(
+                    np.stack([getattr(self.terms[i], of) for i in same])
+                    for of in ("columns", "centre")
+                ),
+            )
+            for same in by_width.values()
+        ]
+        self._alike[key] = last, groups
+        return groups
+
+    def forget(self, term: Term) -> None:
+        """Take the last term out."""
+        assert self.terms[-1] is term
+        self.terms.pop()
+        self.numbers_of[term.key].pop()
+        for channel in self.channels:
+            channel.forget(term.columns)
+
     def finer(self, term: Term, share: float) -> list[Term]:
         """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
         effect = term.effect
@@ -108,12 +162,16 @@ class Library:
         for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
             if not parameter.continuous or value in parameter.kinds:
                 continue
-            grid = sorted({t.shape[i] for t in self.terms if t.key == term.key} - set(parameter.kinds))
+            grid = sorted(
+                {t.shape[i] for t in self.terms if t.key == term.key} - set(parameter.kinds)
+            )
             at = grid.index(value)
             for near in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
                 between = float(value + share * (near - value))
                 # A length at which a curve is linearised may not pass through none.
-                if any(abs(between - g) < 1e-9 for g in grid) or (effect.at_shape and value * near < 0.0):
+                if any(abs(between - g) < 1e-9 for g in grid) or (
+                    effect.at_shape and value * near < 0.0
+                ):
                     continue
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
                 self._add(effect, term.flight, list(term.places), shape, term.log_shape)
@@ -142,7 +200,12 @@ class Library:
                 self._add(effect, flight, flights, shape, log_shape)
 
     def _add(
-        self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
+        self,
+        effect: Effect,
+        flight: int | None,
+        flights: Sequence[int],
+        shape: tuple[float, ...],
+        log_shape: float,
     ) -> None:
         """One shape of an effect: numbers for coefficients and model-form errors, and columns in every channel."""
         context = self.records[flights[0]].context
@@ -152,13 +215,29 @@ class Library:
         for parts in zip_longest(*bent):
             for f, part in zip(flights, parts, strict=True):
                 if part is not None:
-                    self._put(f, self._searched_axes(effect, f), np.array([self.size]), part[..., None])
+                    self._put(
+                        f, self._searched_axes(effect, f), np.array([self.size]), part[..., None]
+                    )
             priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
         columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
         odds = effect.log_odds(context)
         self._take_in(
-            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, odds, main, places, flight)
+            Term(
+                effect.name,
+                effect,
+                shape,
+                columns,
+                scale,
+                centre,
+                low,
+                high,
+                log_shape,
+                odds,
+                main,
+                places,
+                flight,
+            )
         )
 
     def _take_in(self, term: Term) -> None:
@@ -174,22 +253,53 @@ class Library:
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
-                    low, high = c.least(self.records[f].context) / spread[i], c.high / spread[i]
-                    priors.append((self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c))))
+                    own = self.records[f].context
+                    low = c.least(own) / spread[i]
+                    high = c.most(own) / spread[i]
+                    priors.append(
+                        (
+                            self.size,
+                            spread[i],
+                            centre[i] / spread[i],
+                            low,
+                            high,
+                            float(effect.is_main(c)),
+                        )
+                    )
                     self.size += 1
                 places[f][i] = self.size - 1
         return places, priors
 
-    def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
+    def _write(
+        self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns
+    ) -> list[Array]:
         """Columns of an effect in the channels of one flight; its model-form errors there, (n, 6) each."""
         record = self.records[f]
+        if effect.mixing is not None:
+            self._mix(effect, f, effect.mixing(shape) * spread, place)
+            return []
         x = regressors_of(effect, record, shape) * spread
-        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+        bent = [
+            b[:: self.every[f]]
+            for i in _with_errors_of_form(effect)
+            for b in bent_forms(x[:, :, i], record)
+        ]
         self._put(f, self._searched_axes(effect, f), place, x[:: self.every[f]])
         if effect.kinematic_bias is not None:
             part = effect.kinematic_bias(record.context, shape) * spread
             self._bias_columns.setdefault(f, []).append((place, part))
         return bent
+
+    def _mix(self, effect: Effect, f: int, mixing: Array, place: Columns) -> None:
+        """Columns of an effect whose shape only mixes its regressors: these are taken in once."""
+        axes = self._searched_axes(effect, f)
+        if (effect.name, f) not in self._unmixed:
+            x = unmixed_regressors(effect, self.records[f], ())
+            self._unmixed[effect.name, f] = np.arange(self.size, self.size + x.shape[2])
+            self.size += x.shape[2]
+            self._put(f, axes, self._unmixed[effect.name, f], x[:: self.every[f]])
+        for a in axes:
+            self._at[f, a].mix(place, self._unmixed[effect.name, f], mixing)
 
     def _put(self, f: int, axes: Iterable[int], columns: Columns, x: Array) -> None:
         """Columns (n, 6, k) in the channels of one flight where they are not zero."""
@@ -199,21 +309,32 @@ class Library:
                 self._at[f, a].add(columns[live], x[:, a][:, live])
 
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
-        return [a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched]
+        return [
+            a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched
+        ]
 
     def _channel(self, f: int, a: int) -> ResidualChannel:
-        record, every = self.records[f], self.every[f]
+        record = self.records[f]
+        every = self.every[f]
         residual = np.nan_to_num(record.residual[::every, a])
-        return ResidualChannel(f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a])
+        return ResidualChannel(
+            f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a]
+        )
 
     def _add_trim(self) -> Columns:
         """What every flight has without any effect, as columns of no term."""
         first = self.size
         for f, record in enumerate(self.records):
-            constant = hundredths(record.context) * np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM) * np.eye(6)
+            constant = (
+                hundredths(record.context)
+                * np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM)
+                * np.eye(6)
+            )
             trims = [np.broadcast_to(constant[a], (len(record.valid), 6)) for a in record.axes]
             trims.append(_late_rotors(record))
-            if np.isfinite(record.kinematic_bias).any():  # an accelerometer of its own, not the velocity's derivative
+            if np.isfinite(
+                record.kinematic_bias
+            ).any():  # an accelerometer of its own, not the velocity's derivative
                 trims += [_late_velocity(record), *_off_centre(record)]
             trims += self._beside[f]
             for x in trims:
@@ -236,10 +357,15 @@ class Library:
 
     def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
         """Wrenches (n, 6, k) per coefficient at the record's rate, and (n, 6, m) of its model-form errors."""
-        effect, record = term.named, self.records[flight]
+        effect = term.named
+        record = self.records[flight]
         x = regressors_of(effect, record, term.shape)
         spread = term.scale[term.place(flight)]
-        bent = [part for i in _with_errors_of_form(effect) for part in bent_forms(x[:, :, i] * spread[i], record)]
+        bent = [
+            part
+            for i in _with_errors_of_form(effect)
+            for part in bent_forms(x[:, :, i] * spread[i], record)
+        ]
         forms = len(term.columns) - len({int(c) for p in term.places.values() for c in p})
         out = np.zeros((len(x), 6, forms))
         for j, part in enumerate(bent[:forms]):
@@ -255,7 +381,9 @@ class Library:
             if part is None or curve.axis not in record.axes:
                 continue
             places[f] = columns
-            self._curves[int(columns[0]), f] = AMPLITUDE * hundredths(record.context)[curve.axis] * part
+            self._curves[int(columns[0]), f] = (
+                AMPLITUDE * hundredths(record.context)[curve.axis] * part
+            )
             self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
@@ -286,17 +414,31 @@ class Design:
         self.columns = np.concatenate([*(t.columns for t in terms), library.trim])
         self.centre = np.concatenate([*(t.centre for t in terms), np.zeros(len(library.trim))])
         widths = [*(len(t.columns) for t in terms), len(library.trim)]
-        self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(np.arange(len(widths)), widths)
+        self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(
+            np.arange(len(widths)), widths
+        )
         """(terms, k) which columns are whose."""
+        self.products: dict[Whitened, Array] = {}
+        """Inner products of residual and columns (1 + k, 1 + k), as far as they were needed."""
 
     @cached_property
-    def acting(self) -> list[tuple[Columns, Array]]:
-        """Of every channel the numbers of the columns that act on it (m,), among those of the set, and these (m, n)."""
+    def _acting(self) -> list[list[tuple[Columns, Array]]]:
+        """Of every axis of every flight the columns that act on it, by their numbers (m,), and their rows (m, n)."""
+        return [[self._on(channel) for channel in axes] for axes in self.library.flights]
+
+    def _on(self, channel: ResidualChannel) -> tuple[Columns, Array]:
+        rows = channel.where[self.columns]
+        on = np.flatnonzero(rows >= 0)
+        return on, channel.rows[rows[on]]
+
+    def times(self, b: Array) -> list[Array]:
+        """What rows of coefficients (m, k) do on every flight, (axes, m, n)."""
         out = []
-        for c in self.library.channels:
-            local = c.where[self.columns]
-            on = np.flatnonzero(local >= 0)
-            out.append((on, c.rows[local[on]]))
+        for axes in self._acting:
+            done = np.empty((len(axes), len(b), axes[0][1].shape[1]))
+            for (on, x), place in zip(axes, done, strict=True):
+                np.matmul(b[:, on], x, out=place)
+            out.append(done)
         return out
 
 
@@ -311,14 +453,18 @@ def _late_rotors(record: Record) -> Array:
     """Lift (n, 6) by rotor speeds that are late by a standard deviation."""
     out = np.zeros((len(record.valid), 6))
     change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
-    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(change)  # none beside a gap: that is no change of lift
+    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(
+        change
+    )  # none beside a gap: that is no change of lift
     return out
 
 
 def _late_velocity(record: Record) -> Array:
     """What the usual drag misses (n, 6) where the velocity is late by a standard deviation."""
     out = np.zeros((len(record.valid), 6))
-    drag = USUAL_DRAG * record.context.mass_flow.sum(axis=-1)[:, None] * record.context.velocity[:, :2]
+    drag = (
+        USUAL_DRAG * record.context.mass_flow.sum(axis=-1)[:, None] * record.context.velocity[:, :2]
+    )
     out[:, :2] = CLOCK_SD_S * np.nan_to_num(np.gradient(drag, record.step_s, axis=0))
     return out
 

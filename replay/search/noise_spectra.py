@@ -52,19 +52,20 @@ class Spectrum:
 
 
 def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array:
-    """Sum of squares of the innovations of a signal (n,) by the ``filters`` of every spectrum, (spectra,).
+    """Sum of squares of the innovations of signals (axes, n) by the ``filters`` of every spectrum, (axes, spectra).
 
-    f^T L f for the filter f of the highest order: L are the inner products of the signal with itself at lags 0 to
+    f^T L f for the filter f of the highest order: L are the inner products of a signal with itself at lags 0 to
     ``ORDER``, over the samples that the filter is used for. The few at the start of a run are added one by one.
     """
-    lags = np.zeros((ORDER + 1, len(x)))
+    lags = np.zeros((len(x), ORDER + 1, x.shape[1]))
     for lag in range(ORDER + 1):
-        lags[lag, lag:] = x[: len(x) - lag]
+        lags[:, lag, lag:] = x[:, : x.shape[1] - lag]
     f = filters[:, ORDER]
-    energies = (f @ ((lags * (run >= ORDER)) @ lags.T) * f).sum(axis=1)
+    products = (lags * (run >= ORDER)) @ lags.transpose(0, 2, 1)
+    energies = ((f @ products) * f).sum(axis=2)
     starts = np.flatnonzero((run >= 0) & (run < ORDER))
-    innovations = (filters[:, run[starts]] * lags[:, starts].T).sum(axis=2)
-    return np.asarray(energies + (innovations**2).sum(axis=1))
+    innovations = np.einsum("stl,alt->ast", filters[:, run[starts]], lags[:, :, starts])
+    return np.asarray(energies + (innovations**2).sum(axis=2))
 
 
 def spectra(step_s: float) -> tuple[Spectrum, ...]:

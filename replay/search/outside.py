@@ -67,7 +67,9 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
         if rms > limit or (a < 3 and whole > WHOLE_LIMIT * unit):
             rms = rms if rms > limit else whole
-            out.append(Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit)))
+            out.append(
+                Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit))
+            )
         elif struck.sum() * record.step_s > SUDDEN_S:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
     known = {o.axis for o in out}
@@ -84,10 +86,15 @@ def _beside_surfaces(record: Record, rest: Array) -> list[Outside]:
         if seconds < LEAST_S:
             continue
         for a in record.axes:
-            limit = hundredths(record.context)[a] * (LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT)
-            mean, error = rest[mask, a].mean(), rest[mask, a].std() / np.sqrt(max(seconds / INDEPENDENT_S, 1.0))
+            limit = hundredths(record.context)[a] * (
+                LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT
+            )
+            mean = rest[mask, a].mean()
+            error = rest[mask, a].std() / np.sqrt(max(seconds / INDEPENDENT_S, 1.0))
             if abs(mean) > limit + 2.0 * error:
-                out.append(Outside(AXES[a], float(abs(mean)), _intervals(record.time_s, mask), name))
+                out.append(
+                    Outside(AXES[a], float(abs(mean)), _intervals(record.time_s, mask), name)
+                )
     return out
 
 
@@ -97,7 +104,13 @@ def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:
     if not index.size:
         return ()
     breaks = np.flatnonzero(np.diff(time_s[index]) > JOIN_S)
-    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(index) - 1]])
-    spans = [(float(time_s[index[s]]), float(time_s[index[e]])) for s, e in zip(starts, ends, strict=True)]
-    longest = sorted((s for s in spans if s[1] - s[0] >= SHORTEST_S), key=lambda s: s[0] - s[1])[:MOST]
+    starts = np.concatenate([[0], breaks + 1])
+    ends = np.concatenate([breaks, [len(index) - 1]])
+    spans = [
+        (float(time_s[index[s]]), float(time_s[index[e]]))
+        for s, e in zip(starts, ends, strict=True)
+    ]
+    longest = sorted((s for s in spans if s[1] - s[0] >= SHORTEST_S), key=lambda s: s[0] - s[1])[
+        :MOST
+    ]
     return tuple(sorted(longest))

@@ -22,12 +22,19 @@ LEAST_S = 3.0
 
 def regimes(record: Record) -> dict[str, Mask]:
     """Judged samples (n,) of every regime: by motion, and by surfaces (these exclude each other)."""
-    state, radius = record.context.state, record.context.vehicle.rotor_radius_m
+    state = record.context.state
+    radius = record.context.vehicle.rotor_radius_m
     velocity = state.velocity_ned
     with np.errstate(invalid="ignore"):
-        low = np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1) < NEAR_GROUND * radius
-        wall = np.nanmin(np.where(np.isnan(state.d_m), np.inf, state.d_m), axis=1) < NEAR_WALL * radius
-        speed, climb = np.linalg.norm(velocity, axis=1), np.abs(velocity[:, 2])
+        low = (
+            np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1)
+            < NEAR_GROUND * radius
+        )
+        wall = (
+            np.nanmin(np.where(np.isnan(state.d_m), np.inf, state.d_m), axis=1) < NEAR_WALL * radius
+        )
+        speed = np.linalg.norm(velocity, axis=1)
+        climb = np.abs(velocity[:, 2])
         out = {
             "hover": speed < STILL_M_S,
             "fast": speed > FAST_M_S,

@@ -4,55 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
 
-from models.effects import Effect
-from models.frames import AXES, Array
+from models.effects import Effect, get
+from models.frames import AXES
+from replay.search.channel import hundredths
+from replay.search.estimates import LEARNT, IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import TRUST, Fit
 from replay.search.held_out import FlightFit, flight_fits
-from replay.search.sets import Walked, aliases
+from replay.search.regimes import LEAST_S, regimes
+from replay.search.sets import Walked, aliases, class_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
 from replay.search.visible import Visible, visible
 from replay.search.worth import top
 
-BOUND_SHARE = 0.01
-"""Distance to a bound, as a share of the range, within which a coefficient stands at it."""
-LEARNT = 0.7
-"""Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
+SMALL = 0.005
+"""Share of the residual's energy below which an effect is called small."""
+_WAYS = (
+    ("push forward", "push backward"), ("push to the right", "push to the left"), ("push down", "push up"),
+    ("roll to the right", "roll to the left"), ("pitch up", "pitch down"), ("turn to the right", "turn to the left"),
+)  # fmt: skip
+"""What acts along each axis, and against it."""
 HELD_OUT = 2.0
 """A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
 NEAR, RIVALS = 30.0, 6
 """Sets that are compared so: less likely than the best by no more than this (log), and how many."""
 WORSE_SHARE = 0.005
 """Share of the residual's energy by which an effect may make held-out time worse: noise, where it is hardly excited."""
-
-
-@dataclass(frozen=True)
-class IntervalEstimate:
-    """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
-
-    name: str
-    value: float
-    ci95: tuple[float, float]
-    unit: str
-    at_bound: bool = False
-    determined: bool = True
-    """Whether the flights say more about it than was assumed before."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Value, interval and unit."""
-        out = {"value": self.value, "ci95": self.ci95, "unit": self.unit}
-        return out | ({"at_bound": True} if self.at_bound else {})
-
-    @property
-    def sign_probability(self) -> float:
-        """That it has the sign of its value, Phi(|b| / s); 1 where the interval leaves zero out."""
-        low, high = self.ci95
-        return float(ndtr(abs(self.value) / (high - low) * 2.0 * 1.96)) if low <= 0.0 <= high and low < high else 1.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +43,10 @@ class Found:
     """
 
     effect: Effect
+    fitted: tuple[IntervalEstimate, ...]
+    """Its parameters as a model directory keeps them."""
     estimates: tuple[IntervalEstimate, ...]
+    """Its parameters as people say them."""
     axes: tuple[str, ...]
     explains: float
     probability: float
@@ -74,12 +57,37 @@ class Found:
     confirmed_by: tuple[int, ...] = ()
     """Flights whose residual it lowers where it was fitted on the others."""
     of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
-    """Parameters of every flight on which it acts."""
+    """Parameters of every flight on which it acts, as a model directory keeps them."""
+    said_of_flight: dict[int, tuple[IntervalEstimate, ...]] = field(default_factory=dict)
+    """The same as people say them."""
+    small: bool = False
+    """Whether it explains less than ``SMALL`` of every part of every flight."""
+    members: tuple[tuple[str, float], ...] = ()
+    """Effects that the flights cannot tell from each other, this one among them, and their probabilities, the largest
+    first; empty where it stands alone."""
+    push: str = ""
+    """What the class does, in words."""
 
     @property
     def parameters(self) -> dict[str, float]:
         """As a model directory keeps them."""
+        return {e.name: e.value for e in self.fitted}
+
+    @property
+    def sized(self) -> bool:
+        """Whether one of the coefficients that make the effect is determined."""
+        main = {c.name for c in self.effect.coefficients if self.effect.is_main(c)}
+        return any(e.determined for e in self.fitted if e.name in main)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """As people say them."""
         return {e.name: e.value for e in self.estimates}
+
+    @property
+    def decided_by(self) -> str:
+        """What to fly so that the members of the class are told apart."""
+        return "; ".join(dict.fromkeys(get(name).excite for name, _ in self.members))
 
     @property
     def status(self) -> str:
@@ -112,6 +120,8 @@ class Searched:
     rejected: tuple[Rejected, ...]
     visible: tuple[Visible, ...] = ()
     """What was not found, and from which size on it would have been."""
+    left_out: tuple[str, ...] = ()
+    """What was not tried, because it would have taken too long."""
 
 
 def summarise(walked: Walked) -> Searched:
@@ -121,28 +131,33 @@ def summarise(walked: Walked) -> Searched:
     and last what raises the error of held-out time. Each takes the best set of the pass before and gives its own;
     probabilities are those of the sets that remain.
     """
-    walked, fits = _helpful(_predictive(walked))
-    others = aliases(walked)
-    mapped = with_surface_law(walked)
-    if mapped is not walked:
-        walked, fits = _helpful(mapped)
+    bare, _ = _helpful(_predictive(walked))
+    others = aliases(bare)
+    mapped = with_surface_law(bare)
+    walked, fits, without = _acting(mapped)
+    if mapped is not bare and _worse_axes(fits):
+        # Where the map and its laws are at fault, the laws alone are judged axis by axis.
+        walked, fits, without = _acting(bare)
     chosen = [t for t in walked.best.terms if t.effect is not None]
-    joint = corrected_together(t.effect for t in chosen if t.effect is not None)
-    fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
     names = dict.fromkeys(t.name for t in chosen)
-    found = _at_most_all([_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names])
+    found = _at_most_all(
+        [_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names]
+    )
     found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
     return Searched(
         traces=tuple(fits),
         found=tuple(found),
         rejected=_rejected(walked, set(names)),
         visible=visible(walked),
+        left_out=walked.left_out,
     )
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
     """A map of surfaces and the laws that it corrects: only their sum is known well."""
-    return {name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)}
+    return {
+        name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)
+    }
 
 
 def _at_most_all(found: Sequence[Found]) -> list[Found]:
@@ -163,7 +178,10 @@ def _predictive(walked: Walked) -> Walked:
         more = any(other < names for other in likeliest)
         if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS and not more:
             likeliest.setdefault(names, fit)
-    left = {fit.key: sum(f.energy(f.after) for f in flight_fits(walked.evidence, fit)) for fit in likeliest.values()}
+    left = {
+        fit.key: sum(f.energy(f.after) for f in flight_fits(walked.evidence, fit))
+        for fit in likeliest.values()
+    }
     least = min(left.values())
     chosen = next(fit for fit in likeliest.values() if left[fit.key] <= HELD_OUT * least)
     return walked if chosen.key == walked.best.key else walked.at_most(chosen)
@@ -179,10 +197,63 @@ def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     return _helpful(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
 
 
-def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[FlightFit], dict[Key, tuple[str, ...]]]:
+def _acting(
+    walked: Walked,
+) -> tuple[Walked, list[FlightFit], dict[Key, tuple[str, ...]]]:
+    """The best set with every effect on the axes that it helps; by key, the axes on which it does not act.
+
+    What acts on none of the axes that it carries is no name: the set is weighed again without it.
+    """
+    walked, whole = _helpful(walked)
+    terms = [t for t in walked.best.terms if t.effect is not None]
+    joint = corrected_together(t.named for t in terms)
+    fits, without = _by_axis(whole, [t.key for t in terms if t.name not in joint])
+    together = [t.key for t in terms if t.name in joint]
+    for axis in _worse_axes(fits):
+        # A map and its laws leave an axis as one, where it is none of theirs.
+        if not any(AXES[axis] in _carried(whole, key) for key in together):
+            fits = [_without(f, together, axis) for f in fits]
+            without |= {key: (*without.get(key, ()), AXES[axis]) for key in together}
+    idle = [key for key, axes in without.items() if _carried(whole, key) <= set(axes)]
+    if not idle:
+        return walked, fits, without
+    worst = min(idle, key=lambda key: (_share(whole, key), str(key)))
+    return _acting(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
+
+
+def _without(fit: FlightFit, keys: Sequence[Key], axis: int) -> FlightFit:
+    """The same with effects that do not act on one axis."""
+    for key in keys:
+        if key in fit.effects:
+            fit = fit.without_axis(key, axis)
+    return fit
+
+
+def _carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
+    """Axes on which an effect clearly acts."""
+    return {axis for f in fits if key in f.effects for axis in f.effects[key].axes}
+
+
+def _worse_axes(fits: Sequence[FlightFit]) -> list[int]:
+    """Axes of which all effects together raise the error of held-out time."""
+    axes = sorted({axis for f in fits for axis in f.record.axes})
+    return [axis for axis in axes if _raised(fits, axis) > WORSE_SHARE]
+
+
+def _raised(fits: Sequence[FlightFit], axis: int) -> float:
+    """Share by which all effects together raise the energy of held-out time on an axis."""
+    before = sum(f.energy(f.before, [axis]) for f in fits)
+    after = sum(f.energy(f.after, [axis]) for f in fits)
+    return (after - before) / max(before, 1e-12)
+
+
+def _by_axis(
+    fits: Sequence[FlightFit], keys: Sequence[Key]
+) -> tuple[list[FlightFit], dict[Key, tuple[str, ...]]]:
     """Every flight without effects on axes of which they raise the error of held-out time; by ``keys``, these axes.
 
-    One after the other, the worst first: the others are judged beside what is left.
+    One after the other, the worst first: the others are judged beside what is left. Each may help beside the others
+    while all together do harm: on such an axis the one that helps least goes, until they do none.
     """
     fits = list(fits)
     without: dict[Key, tuple[str, ...]] = {}
@@ -193,12 +264,21 @@ def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[Fligh
             for key in keys
             if AXES[axis] not in without.get(key, ())
         }
-        worst = min(gains, key=lambda pair: gains[pair], default=None)
-        if worst is None or gains[worst] > -WORSE_SHARE:
+        worse = _worse_axes(fits)
+        harmful = {
+            (key, axis): gain
+            for (key, axis), gain in gains.items()
+            if gain < -WORSE_SHARE or (axis in worse and _acts_on(fits, key, axis))
+        }
+        if not harmful:
             return fits, without
-        key, axis = worst
-        fits = [f.without_axis(key, axis) if key in f.effects else f for f in fits]
+        key, axis = min(harmful, key=lambda pair: (harmful[pair], str(pair)))
+        fits = [_without(f, [key], axis) for f in fits]
         without[key] = (*without.get(key, ()), AXES[axis])
+
+
+def _acts_on(fits: Sequence[FlightFit], key: Key, axis: int) -> bool:
+    return any(f.effects[key].held_out[:, axis].any() for f in fits if key in f.effects)
 
 
 def _share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = None) -> float:
@@ -217,12 +297,16 @@ def _found(
     carried = {axis for f in fits if term.key in f.effects for axis in f.effects[term.key].axes}
     instead = tuple(others.get(term.key, ()))
     flight = _shown_by(term, fits)
-    estimates = _estimates(walked, term, fits[flight])
+    acts = {f.index: (t, f) for t in terms for f in fits if t.key in f.effects}
+    shapes = {t.key: shape_estimates(walked, t, sorted(t.places)) for t in terms}
+    on = {i: sizes(walked, t, f, shapes[t.key]) for i, (t, f) in acts.items()}
     main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    sign = max((e.sign_probability for e in estimates if e.name in main), default=1.0)
+    sign = max((e.sign_probability for e in on[flight].fitted if e.name in main), default=1.0)
+    members = class_of(walked, term.named, instead)
     return Found(
         effect=term.named,
-        estimates=estimates,
+        fitted=on[flight].fitted,
+        estimates=on[flight].said,
         axes=tuple(a for a in AXES if a in carried),
         explains=sum(shares.values()),
         probability=round(min(walked.probability(term.name, instead), sign), 3),
@@ -230,37 +314,39 @@ def _found(
         flight=flight,
         without=without.get(term.key, ()),
         confirmed_by=tuple(f.index for f in fits if any(t.key in f.confirms for t in terms)),
-        of_flight={f.index: f.effects[t.key].parameters for t in terms for f in fits if t.key in f.effects},
+        of_flight={i: f.effects[t.key].parameters for i, (t, f) in acts.items()},
+        said_of_flight={i: one.said for i, one in on.items()},
+        small=all(_small(f, t.key) for t, f in acts.values()),
+        members=members,
+        push=_push(fits[flight], term.key) if members else "",
     )
 
 
-def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[IntervalEstimate, ...]:
-    """Coefficients on the flight that they are shown by, then the shape.
+def _small(fit: FlightFit, key: Key) -> bool:
+    """Whether an effect removes less than ``SMALL`` of the energy of every part of a flight."""
+    removed = fit.after + fit.effects[key].held_out
+    parts = [
+        mask for mask in regimes(fit.record).values() if mask.sum() * fit.record.step_s >= LEAST_S
+    ]
+    for mask in (fit.record.valid, *parts):
+        before, after, without = (
+            fit.energy(x * mask[:, None]) for x in (fit.before, fit.after, removed)
+        )
+        if without - after >= SMALL * before:
+            return False
+    return True
 
-    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
-    Statistics 9, 586), and beside it that between the sets that hold the effect.
-    """
-    effect, best, flight, context = term.named, walked.best, fit.index, fit.record.context
-    part, place = best.part(term), term.place(flight)
-    mean = effect.mixed(best.sizes(term, flight), term.shape)
-    root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
-    variance = (effect.mixed((term.scale[place, None] * root).T, term.shape) ** 2).sum(axis=0) / TRUST
-    drawn = effect.mixed(fit.effects[term.key].folds, term.shape)
-    spread = drawn - drawn.mean(axis=0)
-    variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
-    sd = np.sqrt(variance + _between(walked, term, flight, mean))
-    out = []
-    for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
-        low, typical = c.least(context), c.spread(context)
-        value, half = float(np.clip(m, low, c.high)), 1.96 * s
-        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * typical)
-        at = at and half > 0.0 and (not effect.main or c.name in effect.main)
-        interval = min(value, m - half), max(value, m + half)
-        out.append(IntervalEstimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
-    for i, shape in enumerate(effect.shapes):
-        low, high, at = _shape_interval(walked, term, i)
-        out.append(IntervalEstimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
-    return tuple(out)
+
+def _push(fit: FlightFit, key: Key) -> str:
+    """What an effect does, in words: ``a steady push to the left``."""
+    wrench = fit.effects[key].held_out[fit.record.valid] / hundredths(fit.record.context)
+    energy = (wrench**2).mean(axis=0)
+    axis = int(np.argmax(energy))
+    mean = float(wrench[:, axis].mean())
+    # Where the mean holds more than half of the energy it hardly changes.
+    if 2.0 * mean**2 > energy[axis]:
+        return f"a steady {_WAYS[axis][mean < 0.0]}"
+    return f"a changing {_WAYS[axis][0]} or {_WAYS[axis][1].split()[-1]}"
 
 
 def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
@@ -268,46 +354,6 @@ def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
     if term.named.kept or len(term.places) < 2:
         return min(term.places)
     return max(term.places, key=lambda i: fits[i].energy(fits[i].effects[term.key].held_out))
-
-
-def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
-    """Variance (k,) of the coefficients b_S over the sets S that hold the effect, by their probability p_S.
-
-    sum p_S (b_S - ``mean``)^2 / sum p_S: Hoeting et al. 1999, Statistical Science 14, 382.
-    """
-    out, total = np.zeros_like(mean), 0.0
-    for fit, weight in walked.weighted():
-        for t in fit.terms:
-            if t.effect is not None and t.key == term.key and flight in t.places:
-                out += weight * (t.effect.mixed(fit.sizes(t, flight), t.shape) - mean) ** 2
-                total += weight
-    return out / max(total, 1e-12)
-
-
-def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
-    """95 % interval of a shape parameter beside the others, and whether it stands at the grid's edge.
-
-    The density over the values tried goes with exp(TRUST gain in log evidence), each to half way to the next.
-    """
-    shape, value, evidence = term.named.shapes[i], float(term.shape[i]), walked.evidence
-    if not shape.continuous or value in shape.kinds:
-        return value, value, False
-    beside = [t for t in walked.best.terms if t is not term]
-    screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
-    gains: dict[float, float] = {}
-    for number in evidence.library.numbers_of[term.key]:
-        other = evidence.library.terms[number].shape
-        if other[:i] + other[i + 1 :] == term.shape[:i] + term.shape[i + 1 :] and other[i] not in shape.kinds:
-            gains[other[i]] = TRUST * float(screened[number])
-    if len(gains) < 2:
-        return value, value, False
-    tried = np.array(sorted(gains))
-    weight = np.exp([gains[v] - max(gains.values()) for v in tried])
-    edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
-    total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
-    low, high = np.interp([0.025, 0.975], total / total[-1], edges)
-    at = value in (tried[0], tried[-1]) and not (value == 0.0 and shape.free_at_zero)
-    return float(min(low, value)), float(max(high, value)), bool(at)
 
 
 def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
@@ -322,7 +368,11 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
     for name, own in numbers.items():
         term = library.terms[max(own, key=lambda i: float(gain[i]))]
         excited = name in walked.worse or _excited(walked, term)
-        reason = walked.why_not(name) if excited else "this flight hardly excites it: " + term.named.excite
+        reason = (
+            walked.why_not(name)
+            if excited
+            else "this flight hardly excites it: " + term.named.excite
+        )
         out.append(Rejected(name, reason, excited, walked.probability(name, ())))
     return tuple(out)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.effects import Effect
 from replay.search.evidence import Evidence, Fit
 from replay.search.terms import Key, Term
 
@@ -27,6 +28,8 @@ SURE = 0.995
 """No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
 NEGLIGIBLE = 12.0
 """Sets less likely by this much (log) than the best have no weight."""
+NO_MEMBER, MOST_MEMBERS = 0.05, 3
+"""An effect that is less probable than that in another's place is told from it; so many members are shown."""
 Fits = dict[frozenset[Key], Fit]
 """The best fit of every set, by the keys of its terms."""
 
@@ -58,6 +61,8 @@ class Walked:
     """Log odds of the map of surfaces, beside the best set."""
     worse: frozenset[str] = frozenset()
     """Effects that were taken out because they raise the error of held-out time."""
+    left_out: tuple[str, ...] = ()
+    """What was not tried, because it would have taken too long."""
 
     def without(self, key: Key) -> Walked:
         """The best set less one term, weighed anew."""
@@ -67,18 +72,26 @@ class Walked:
 
     def at_most(self, best: Fit) -> Walked:
         """With this set as the best, and without those that are likelier."""
-        fits = {best.key: best} | {key: fit for key, fit in self.fits.items() if fit.score <= best.score}
+        fits = {best.key: best} | {
+            key: fit for key, fit in self.fits.items() if fit.score <= best.score
+        }
         return replace(self, fits=fits, best=best)
 
     def ranked(self) -> list[Fit]:
         """Likeliest first."""
-        return sorted(self.fits.values(), key=lambda f: (-round(f.score, 6), str(sorted(map(str, f.key)))))
+        return sorted(
+            self.fits.values(), key=lambda f: (-round(f.score, 6), str(sorted(map(str, f.key))))
+        )
 
     def weighted(self) -> list[tuple[Fit, float]]:
         """Sets with their probability exp(score) / sum of exp(score), those of some weight."""
         top = max(f.score for f in self.fits.values())
         total = sum(float(np.exp(f.score - top)) for f in self.fits.values())
-        return [(f, float(np.exp(f.score - top)) / total) for f in self.ranked() if f.score > top - NEGLIGIBLE]
+        return [
+            (f, float(np.exp(f.score - top)) / total)
+            for f in self.ranked()
+            if f.score > top - NEGLIGIBLE
+        ]
 
     def probability(self, name: str, aliases: Sequence[str]) -> float:
         """That the effect, or one that stands in its place, acts: the sum over the sets that hold one of them.
@@ -89,7 +102,11 @@ class Walked:
         if effect is not None and effect.remainder:
             return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
         wanted = {name, *aliases}
-        p = sum(w for f, w in self.weighted() if wanted & {t.name for t in f.terms if t.effect is not None})
+        p = sum(
+            w
+            for f, w in self.weighted()
+            if wanted & {t.name for t in f.terms if t.effect is not None}
+        )
         return round(min(p, SURE), 3)
 
     def why_not(self, name: str) -> str:
@@ -121,8 +138,38 @@ def aliases(walked: Walked) -> dict[Key, list[str]]:
         few = 0 < len(gone) <= 2 and 0 < len(new) <= 2
         if few and fit.score >= best.score - ALIAS_NATS and all(t.effect is not None for t in new):
             for key in gone:
-                out[key] += [name for name in sorted({t.name for t in new}) if name not in (key[0], *out[key])]
+                out[key] += [
+                    name
+                    for name in sorted({t.name for t in new})
+                    if name not in (key[0], *out[key])
+                ]
     return out
+
+
+def class_of(
+    walked: Walked, effect: Effect, instead: Sequence[str]
+) -> tuple[tuple[str, float], ...]:
+    """An effect of the best set and those that may act in its place, with their probabilities, the largest first.
+
+    P(a) is the sum of exp(score) over the weighed sets without the effect that hold a, divided by that over all; sets
+    that hold several count for each in equal parts, but not for what the effect has among its own terms. Members of
+    less than ``NO_MEMBER`` are left out; empty where none is left beside the effect.
+    """
+    name = effect.name
+    chances = dict.fromkeys((name, *instead), 0.0)
+    for fit, weight in walked.weighted():
+        names = {t.name for t in fit.terms if t.effect is not None}
+        acting = [name] if name in names else [other for other in instead if other in names]
+        acting = [one for one in acting if one not in effect.contains] or acting
+        for one in acting:
+            chances[one] += weight / len(acting)
+    likely = {one: p for one, p in chances.items() if one == name or p >= NO_MEMBER}
+    if len(likely) < 2:
+        return ()
+    ranked = sorted(likely, key=lambda one: (-likely[one], one))[:MOST_MEMBERS]
+    if name not in ranked:
+        ranked[-1] = name
+    return tuple((one, round(min(likely[one], SURE), 3)) for one in ranked)
 
 
 def canonical(fits: list[Fit]) -> Fit:
@@ -133,5 +180,7 @@ def canonical(fits: list[Fit]) -> Fit:
     """
     best = max(fits, key=lambda f: f.score)
     near = [f for f in fits if f.score >= best.score - MARGIN]
-    least = min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
+    least = min(
+        near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms))
+    )
     return best if least.key < best.key and least.score < best.score - NAMED else least

@@ -8,7 +8,6 @@ says more than a map: the map is taken where ``TRUST log p(y | set, map) + log o
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -39,20 +38,33 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
     named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
     grid = np.array(effect.shape_grid(library.records[0].context))
 
-    @cache
     def fit(shape: tuple[float, ...]) -> Fit:
         return walked.evidence.fit([*named, library.term_of(effect, shape)], walked.evidence.quiet)
 
     shape = tuple(1.0 for _ in grid.T)
+    tried = {shape}
+    best = fit(shape)
     for _ in range(ROUNDS):
         for i, values in enumerate(grid.T):
-            shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
-            shape = max(shapes, key=lambda s: fit(s).promise)
-    return fit(shape)
+            for value in np.unique(values).tolist():
+                other = (*shape[:i], value, *shape[i + 1 :])
+                if other in tried:
+                    continue
+                tried.add(other)
+                new = fit(other)
+                if new.promise > best.promise:
+                    best = new
+                else:
+                    walked.evidence.forget(new.terms[-1])
+            shape = best.terms[-1].shape
+    return best
 
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
     """Without the terms that the map, which is the last, clearly makes unnecessary."""
-    lighter = [walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise) for term in fit.terms[:-1]]
+    lighter = [
+        walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise)
+        for term in fit.terms[:-1]
+    ]
     lightest = max(lighter, key=lambda f: f.promise, default=fit)
     return _lighter(walked, lightest) if lightest.promise > fit.promise + MARGIN else fit

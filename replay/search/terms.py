@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from models.effects import Context, Effect
 from models.frames import Array
@@ -65,6 +66,11 @@ class Term:
         return self.log_odds + self.log_shape
 
     @cached_property
+    def log_within(self) -> float:
+        """Log share of the prior that lies within the bounds."""
+        return float(log_mass(self.low, self.high, self.centre, np.ones(len(self.low))).sum())
+
+    @cached_property
     def form(self) -> Mask:
         """(k,) whether a coefficient is a model-form error."""
         return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
@@ -85,20 +91,37 @@ def without_form(term: Term) -> Term:
     return replace(term, **{name: getattr(term, name)[~term.form] for name in by_column})
 
 
+def log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
+    """Log of the probability of N(mean, sd) between low and high, element by element."""
+    lo = np.maximum((low - mean) / sd, -1e8)
+    hi = np.minimum((high - mean) / sd, 1e8)
+    flip = lo > 0.0
+    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
+    upper = log_ndtr(hi)
+    lower = log_ndtr(lo)
+    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
+
+
 def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:
     """Standard deviation and mean of the prior of every coefficient (k,), in the coefficients' own units."""
     spread = np.array([c.spread(context) for c in effect.coefficients])
     centre = np.array([c.mean(context) for c in effect.coefficients])
     if effect.at_shape:
-        spread[0], centre[0] = AT_SHAPE_SPREAD * abs(shape[0]), shape[0]
+        spread[0] = AT_SHAPE_SPREAD * abs(shape[0])
+        centre[0] = shape[0]
     return spread, centre
 
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        x = np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
+    x = unmixed_regressors(effect, record, shape)
     return x if effect.mixing is None else np.asarray(x @ effect.mixing(shape))
+
+
+def unmixed_regressors(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
+    """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
 
 
 def bent_forms(x: Array, record: Record) -> list[Array]:
@@ -108,7 +131,9 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
     """
     valid = record.valid
-    size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)
+    size = np.sqrt(
+        (x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2
+    )
     top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
     if top < 1e-9 * record.context.weight:
         return []
@@ -135,7 +160,9 @@ def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[floa
     """
     named = [list(zip(s, effect.shapes, strict=True)) for s in shapes]
     kind = np.array([any(v in p.kinds for v, p in values) for values in named])
-    weight = np.exp([-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named])
+    weight = np.exp(
+        [-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named]
+    )
     for part in (kind, ~kind):
         if part.any():
             weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()

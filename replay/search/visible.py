@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.effects import Coefficient, Context
 from models.frames import AXES, Array
 from replay.search.evidence import TRUST
 from replay.search.sets import NAMED, Walked
@@ -75,15 +76,30 @@ def _least_of(walked: Walked, terms: Sequence[Term]) -> Visible | None:
     soonest = int(possible[np.argmin(sizes[possible])])
     least = float(sizes[soonest] * scale[soonest])
     low = coefficients[soonest].least(context)
-    if least > max(coefficients[soonest].high, -low):
+    if least > max(coefficients[soonest].most(context), -low):
         return None
+    name, size, unit = _said(term, context, coefficients[soonest], least)
     return Visible(
         what=term.name,
-        coefficient=coefficients[soonest].name,
+        coefficient=name,
         axes=_axes(walked, term, soonest),
-        least=least,
-        unit=coefficients[soonest].unit,
+        least=size,
+        unit=unit,
     )
+
+
+def _said(
+    term: Term, context: Context, coefficient: Coefficient, least: float
+) -> tuple[str, float, str]:
+    """Name, size and unit as people say it: with the other parameters at their prior mean."""
+    effect = term.named
+    quantity = next((q for q in effect.shown.quantities if q.instead_of == coefficient.name), None)
+    if quantity is None:
+        return coefficient.name, least, coefficient.unit
+    usual = {c.name: c.mean(context) for c in effect.coefficients}
+    usual |= {s.name: value for s, value in zip(effect.shapes, term.shape, strict=True)}
+    said = effect.said(context, usual | {coefficient.name: least})
+    return quantity.name, said[quantity.name], quantity.unit
 
 
 def _least_sizes(walked: Walked, term: Term) -> Array:

@@ -8,7 +8,9 @@ every near alternative has its weight (Occam's window: Madigan & Raftery 1994, J
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 
 from models.effects import Effect
@@ -24,10 +26,21 @@ BEAM = 5
 """Sets that are carried on."""
 TRIED = 6
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
+SHAPES = 6
+"""Shapes of an addition that are weighed in full: of those that became an answer, none came later than the fourth."""
 WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
 EXCHANGE_LOSS = 60.0
 """An exchange that loses less than this (log) is grown by one more term: two may stand in place of one."""
+MOST_WORK, LONG_S = 9000.0, 600.0
+"""Work that a walk may do over flights of up to this time [s] together; over longer ones it grows with the time.
+
+A core of 2023 does about 1100 a second, and ten seconds are what a user waits for. Of 160 real flights one needs more,
+and its answer is the same.
+"""
+GROWING, SETTLING = 0.7, 0.9
+"""Shares of it after which sets stop to grow, and single effects to be exchanged."""
+LARGER = "larger sets of effects"
 BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
 
@@ -35,13 +48,53 @@ BETWEEN = 30.0
 def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     """Weigh sets of effects over all flights together."""
     evidence = Evidence(Library(records, effects))
+    account = Account(evidence, allowed(records))
     empty = evidence.fit([], evidence.unfitted())
     sets = Sets(evidence, {empty.key: empty})
+    _grown(sets, empty, MOST + MOST_A_FLIGHT * (len(records) - 1), account)
+    best = max(sets.fits.values(), key=lambda f: f.score)
+    for _ in range(3):
+        best = _sharpened(sets, _settled(sets, best, account))
+        _exchanged(sets, best, account)
+        known = best.key
+        best = canonical(list(sets.fits.values()))
+        if best.key <= known:
+            break
+    return Walked(evidence, sets.fits, sets.fits[best.key], left_out=tuple(account.left_out))
+
+
+def allowed(records: Sequence[Record]) -> float:
+    """How much work a walk over these flights may do."""
+    return MOST_WORK * max(sum(r.seconds for r in records) / LONG_S, 1.0)
+
+
+@dataclass
+class Account:
+    """The work that a walk may do, and what it had to leave out."""
+
+    evidence: Evidence
+    most: float
+    left_out: dict[str, None] = field(default_factory=dict)
+
+    def lasts(self, share: float, otherwise: str) -> bool:
+        """Whether less than this share of the work is done; else it is kept what was left out."""
+        if self.evidence.work < share * self.most:
+            return True
+        self.left_out[otherwise] = None
+        return False
+
+
+def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
+    """Sets of one term more, again and again, from the best ones."""
     beam = [empty]
-    for _ in range(MOST + MOST_A_FLIGHT * (len(records) - 1)):
+    for _ in range(most):
+        if not account.lasts(GROWING, LARGER):
+            break
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
             for term in _additions(sets, fit, TRIED):
+                if not account.lasts(GROWING, LARGER):
+                    break
                 new = _with(sets, fit, term)
                 if fit.score - BETWEEN < new.score <= fit.score:
                     new = _sharpened(sets, new, only=term.key)
@@ -52,15 +105,6 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         top = sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]
         polished = (_lighter(sets, _sharpened(sets, _reshaped(sets, fit))) for fit in top)
         beam = list({f.key: f for f in polished}.values())
-    best = max(sets.fits.values(), key=lambda f: f.score)
-    for _ in range(3):
-        best = _sharpened(sets, _settled(sets, best))
-        _exchanged(sets, best)
-        known = best.key
-        best = canonical(list(sets.fits.values()))
-        if best.key <= known:
-            break
-    return Walked(evidence, sets.fits, sets.fits[best.key])
 
 
 def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
@@ -92,15 +136,24 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = sets.evidence
+    if len(evidence.library.numbers_of[term.key]) == 1:
+        return new
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
-    odds: dict[Term, float] = {}
+    likely: dict[Term, float] = {}
     for i in evidence.library.numbers_of[term.key]:
         other = evidence.library.terms[i]
-        likely = TRUST * float(screened[i]) + other.prior
-        if likely > WORTH_A_LOOK:
-            odds[other] = likely + evidence.deserved([*fit.terms, other], fit.noise)
-    for other in (t for t, o in odds.items() if o > max(odds.values()) - ALIAS_NATS):
-        new = sets.weigh([*fit.terms, other], fit)
+        likely[other] = TRUST * float(screened[i]) + other.prior
+    odds: dict[Term, float] = {}
+    best = -math.inf
+    for other in sorted(likely, key=lambda t: -likely[t]):
+        together = [*fit.terms, other]
+        least = best - ALIAS_NATS - likely[other]
+        if likely[other] > WORTH_A_LOOK and evidence.possible(together) > least:
+            odds[other] = likely[other] + evidence.deserved(together, fit.noise, least)
+            best = max(best, odds[other])
+    for other in sorted(odds, key=lambda t: -odds[t])[:SHAPES]:
+        if odds[other] > best - ALIAS_NATS:
+            new = sets.weigh([*fit.terms, other], fit)
     return new
 
 
@@ -108,12 +161,15 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Every member's best shape beside the others."""
     evidence = sets.evidence
     for term in (t for t in fit.terms if only in (None, t.key)):
-        terms, rivals = evidence.library.terms, evidence.library.numbers_of[term.key]
+        terms = evidence.library.terms
+        rivals = evidence.library.numbers_of[term.key]
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]
         screened = evidence.screen(evidence.refit(others, fit.noise), term.key)
-        rival = terms[max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))]
+        rival = terms[
+            max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))
+        ]
         if rival is not term:
             new = sets.weigh([*others, rival], fit)
             if new.score > fit.score:
@@ -123,9 +179,15 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
 
 def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Shapes between the points of the grid."""
-    for done in range(max((t.effect.halvings for t in fit.terms if t.effect is not None), default=0)):
+    for done in range(
+        max((t.effect.halvings for t in fit.terms if t.effect is not None), default=0)
+    ):
         for term in fit.terms:
-            if (only is not None and term.key != only) or term.effect is None or term.effect.halvings <= done:
+            if (
+                (only is not None and term.key != only)
+                or term.effect is None
+                or term.effect.halvings <= done
+            ):
                 continue
             if term in fit.terms and sets.evidence.library.finer(term, 0.5):
                 fit = _reshaped(sets, fit, only=term.key)
@@ -142,11 +204,13 @@ def _lighter(sets: Sets, fit: Fit) -> Fit:
     return fit
 
 
-def _settled(sets: Sets, fit: Fit) -> Fit:
+def _settled(sets: Sets, fit: Fit, account: Account) -> Fit:
     """Exchange, add and take away one at a time until nothing is better."""
     for _ in range(6):
         best = fit
         for term in fit.terms:
+            if not account.lasts(SETTLING, "one effect in place of another"):
+                return best
             less = sets.weigh([t for t in fit.terms if t is not term], fit)
             tried = [less, *(_with(sets, less, other) for other in _additions(sets, less, 4))]
             best = max([best, *tried], key=lambda f: f.score)
@@ -158,7 +222,7 @@ def _settled(sets: Sets, fit: Fit) -> Fit:
     return fit
 
 
-def _exchanged(sets: Sets, fit: Fit) -> None:
+def _exchanged(sets: Sets, fit: Fit, account: Account) -> None:
     """Weigh one in place of two, and two in place of one, so that every alternative is known."""
 
     def others(gone: Sequence[Term], tried: int) -> list[Fit]:
@@ -166,8 +230,11 @@ def _exchanged(sets: Sets, fit: Fit) -> None:
         return [_with(sets, less, other) for other in _additions(sets, less, tried)]
 
     for pair in combinations(fit.terms, 2):
-        others(pair, 2)
+        if account.lasts(1.0, "one effect in place of two"):
+            others(pair, 2)
     for term in fit.terms:
+        if not account.lasts(1.0, "two effects in place of one"):
+            return
         for grown in others([term], 3):
             if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
                 for other in _additions(sets, grown, 2):

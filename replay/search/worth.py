@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from models.frames import Array
 from replay.search.channel import ResidualChannel
 from replay.search.library import Design
-from replay.search.terms import STEP_S, Term
+from replay.search.terms import STEP_S, Term, log_mass
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its model-form error, as a share of its own."""
@@ -35,30 +34,31 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 class Contributions:
     """What every term of a set does to every channel; ``b`` (k,), ``cov`` (k, k) with the trims behind.
 
-    Of every channel one array: ``rest`` (n,), all others (terms, n).
+    Of every flight one array: ``rest`` (axes, n), all others (axes, terms, n).
     """
 
     def __init__(self, design: Design, b: Array, cov: Array) -> None:
         self.design = design
-        self._b, self._cov = b, cov
-        channels = zip(design.library.channels, design.acting, strict=True)
-        self.rest = [c.rows[0] - b[on] @ x for c, (on, x) in channels]
-        """What the set leaves of every channel."""
-        self.whole = self._done(np.where(design.of_term, b, 0.0))
-
-    def _done(self, b: Array) -> list[Array]:
-        """What every term does by its coefficients (terms, k)."""
-        return [b[:, on] @ x for on, x in self.design.acting]
+        self._b = b
+        self._cov = cov
+        every = np.vstack([design.of_term, ~design.of_term.any(axis=0)])
+        done = design.times(np.where(every, b, 0.0))
+        self.whole = [d[:, :-1] for d in done]
+        measured = (np.stack([c.rows[0] for c in axes]) for axes in design.library.flights)
+        self.rest = [y - d.sum(axis=1) for y, d in zip(measured, done, strict=True)]
+        """What the set leaves of every axis."""
 
     @cached_property
     def main(self) -> list[Array]:
         """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
         possible = self._b.copy()
         design = self.design
-        for term, part in zip(design.terms, map(slice, design.edges, design.edges[1:]), strict=True):
+        for term, part in zip(
+            design.terms, map(slice, design.edges, design.edges[1:]), strict=True
+        ):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        return self._done(np.where(design.of_term, possible, 0.0))
+        return design.times(np.where(design.of_term, possible, 0.0))
 
     @cached_property
     def own(self) -> list[Array]:
@@ -70,25 +70,30 @@ class Contributions:
         design = self.design
         centre = design.centre
         usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
-        low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
+        low = np.minimum(self._b, centre - usual)
+        high = np.maximum(self._b, centre + usual)
         lost = np.empty((len(design.terms), len(centre)))
         for i, (term, first) in enumerate(zip(design.terms, design.edges, strict=False)):
             gone = first + np.flatnonzero((term.main > 0.0) | term.form)
-            taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
+            taken = self._cov[:, gone] @ np.linalg.solve(
+                self._cov[np.ix_(gone, gone)], self._b[gone]
+            )
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
-        return self._done(lost)
+        return design.times(lost)
 
 
 def form_variance(u: Contributions) -> Array:
     """Variance (channels,) of what is left by the effects' model-form errors."""
     effect = np.array([t.effect is not None for t in u.design.terms], bool)
-    out = []
-    for channel, whole in zip(u.design.library.channels, u.whole, strict=True):
-        mean, square = whole.sum(axis=1) / channel.count, (whole**2).sum(axis=1) / channel.count
-        out.append(FORM_LEFT**2 * float(np.maximum(square - mean**2, 0.0) @ effect))
-    return np.array(out)
+    out = [np.empty(0)]
+    for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
+        count = axes[0].count
+        mean = whole.sum(axis=2) / count
+        square = np.einsum("atn,atn->at", whole, whole) / count
+        out.append(FORM_LEFT**2 * np.maximum(square - mean**2, 0.0) @ effect)
+    return np.concatenate(out)
 
 
 def worth(u: Contributions) -> float:
@@ -109,10 +114,14 @@ def cancelled(u: Contributions) -> float:
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
     worst = 0.0
-    for channel, whole in zip(u.design.library.channels, u.whole, strict=True):
-        if np.count_nonzero(whole.any(axis=1)) > 1:
-            free = channel.count * (CANCEL_FREE * channel.limit) ** 2
-            worst = max(worst, float((whole**2).sum() / ((whole.sum(axis=0) ** 2).sum() + free)))
+    for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
+        together = whole.sum(axis=1)
+        free = axes[0].count * (CANCEL_FREE * limits(axes)) ** 2
+        ratio = np.einsum("atn,atn->a", whole, whole) / (
+            np.einsum("an,an->a", together, together) + free
+        )
+        several = np.count_nonzero(whole.any(axis=2), axis=1) > 1
+        worst = max(worst, float(np.max(ratio, where=several, initial=0.0)))
     return float(np.sqrt(worst))
 
 
@@ -128,7 +137,9 @@ def standing(u: Contributions) -> Array:
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
     left = (sizes * form[:, None]) ** 2
     channels = u.design.library.channels
-    open_ = np.array([slow_rms(rest, c) / c.limit for c, rest in zip(channels, u.rest, strict=True)])
+    open_ = np.concatenate(
+        [slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)]
+    )
     beside = left.sum(axis=0) - left + open_**2
     large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
@@ -140,17 +151,23 @@ def standing(u: Contributions) -> Array:
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
-    channels = u.design.library.channels
-    return np.stack([top(part, c.count) / c.limit for c, part in zip(channels, parts, strict=True)], axis=1)
+    flights = zip(u.design.library.flights, parts, strict=True)
+    sizes = [top(part, axes[0].count) / limits(axes)[:, None] for axes, part in flights]
+    return np.concatenate(sizes).T
 
 
-def slow_rms(rest: Array, channel: ResidualChannel) -> float:
-    """RMS of what is left of a channel (n,), averaged over ``SLOW_S``."""
+def limits(axes: Sequence[ResidualChannel]) -> Array:
+    """One hundredth of the weight of every axis (axes,) [N or N m]."""
+    return np.array([c.limit for c in axes])
+
+
+def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
+    """RMS (axes,) of what is left of a flight (axes, n), averaged over ``SLOW_S``, in hundredths of the weight."""
     width = max(round(SLOW_S / STEP_S), 1)
-    total = np.concatenate([[0.0], np.cumsum(rest)])
-    known = np.concatenate([[0], np.cumsum(channel.valid)])
-    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1)
-    return float(np.sqrt((mean**2).sum() / max(len(mean), 1)))
+    total = np.pad(np.cumsum(rest, axis=1), ((0, 0), (1, 0)))
+    known = np.concatenate([[0], np.cumsum(axes[0].valid)])
+    mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
+    return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)) / limits(axes))
 
 
 def top(x: Array, count: int) -> Array:
@@ -168,16 +185,7 @@ def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
     """
     if not terms:
         return 0.0
-    low, high, mean = (np.concatenate(v) for v in zip(*((t.low, t.high, t.centre) for t in terms), strict=True))
+    low, high = (np.concatenate(v) for v in zip(*((t.low, t.high) for t in terms), strict=True))
     k = len(low)
     sd = np.sqrt(np.diag(cov)[:k])
-    return float((_log_mass(low, high, b[:k], sd) - _log_mass(low, high, mean, np.ones(k))).sum())
-
-
-def _log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
-    """Log of the probability of N(mean, sd) between low and high, element by element."""
-    lo, hi = np.maximum((low - mean) / sd, -1e8), np.minimum((high - mean) / sd, 1e8)
-    flip = lo > 0.0
-    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
-    upper, lower = log_ndtr(hi), log_ndtr(lo)
-    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
+    return float(log_mass(low, high, b[:k], sd).sum()) - sum(t.log_within for t in terms)

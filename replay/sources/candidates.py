@@ -71,6 +71,8 @@ def _wanted(quantity: str, candidates: Sequence[Candidate], wanted: str) -> Cand
     raise ConfigError(f"--set {quantity}={wanted}: the log has no such instance; it has: {names}")
 
 
-def _choice(quantity: str, chosen: Candidate, candidates: Sequence[Candidate], why: str) -> SourceChoice:
+def _choice(
+    quantity: str, chosen: Candidate, candidates: Sequence[Candidate], why: str
+) -> SourceChoice:
     others = tuple(candidate.name for candidate in candidates if candidate is not chosen)
     return SourceChoice(quantity=quantity, chosen=chosen.name, others=others, why=why)

@@ -71,7 +71,8 @@ def correlation(a: Array, b: Array) -> float:
     both = np.isfinite(a) & np.isfinite(b)
     if int(both.sum()) < _FEWEST:
         return 0.0
-    first, second = a[both], b[both]
+    first = a[both]
+    second = b[both]
     if float(np.ptp(first)) < _STILL or float(np.ptp(second)) < _STILL:
         return 0.0
     return float(np.corrcoef(first, second)[0, 1])

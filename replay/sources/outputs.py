@@ -42,11 +42,18 @@ def _with_port(log: FlightLog, port: int, motors: DeclaredMotors | None) -> Flig
 
 
 def _is_can(series: Series) -> bool:
-    """Whether outputs are too large for pulses, as those of CAN ESCs are (0 to 8191)."""
-    return float(np.nan_to_num(series.values).max(initial=0.0)) > _LONGEST_US
+    """Whether outputs are too large for pulses, as those of CAN ESCs are (0 to 8191).
+
+    Only those that move are asked: an output that is not connected may hold any number.
+    """
+    columns = [output - 1 for output in moving_outputs(series)]
+    used = np.nan_to_num(series.values[:, columns])
+    return float(used.max(initial=0.0)) > _LONGEST_US
 
 
-def _fallback(log: FlightLog, declared: Sequence[DeclaredMotors]) -> tuple[FlightLog, SourceChoice | None]:
+def _fallback(
+    log: FlightLog, declared: Sequence[DeclaredMotors]
+) -> tuple[FlightLog, SourceChoice | None]:
     """Where no port moves: what the autopilot asked of each motor, else the first port with what is declared."""
     if log.motor_commands is not None:
         chosen = SourceChoice(
@@ -88,7 +95,9 @@ def _stated(log: FlightLog, declared: Sequence[DeclaredMotors]) -> Stated | None
     return None
 
 
-def _on_port(log: FlightLog, declared: Sequence[DeclaredMotors], port: int) -> DeclaredMotors | None:
+def _on_port(
+    log: FlightLog, declared: Sequence[DeclaredMotors], port: int
+) -> DeclaredMotors | None:
     """What the parameters say of this port: the driver that belongs to it, else one whose outputs move there."""
     own = next((motors for motors in declared if motors.port == port), None)
     if own is not None:

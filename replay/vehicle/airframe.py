@@ -11,7 +11,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.errors import LogError
-from models.vehicle_setup.ardupilot_frames import SaidFrame, said_before_3_5, said_by_class, said_by_text
+from models.vehicle_setup.ardupilot_frames import (
+    SaidFrame,
+    said_before_3_5,
+    said_by_class,
+    said_by_text,
+)
 from models.vehicle_setup.estimate import pwm_range
 from models.vehicle_setup.motor_layouts import FRAMES, UNSURE, Motor
 from models.vehicle_setup.px4_frames import px4_rotors, said_by_autostart
@@ -72,15 +77,20 @@ def airframe(log: FlightLog) -> Airframe:
     if not speeds and log.servo is None:
         names = f"{called(log.path, 'rotor speeds')}, {called(log.path, 'outputs')}"
         raise LogError(f"{log.path}: neither rotor speeds nor outputs ({names})")
-    moving, turning = _moving(log.servo), _turning(log)
+    moving = _moving(log.servo)
+    turning = _turning(log)
     seen = len(turning) or len(moving)
     frame = _frame(log, seen)
     if frame is None:
-        raise LogError(f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? give --vehicle")
+        raise LogError(
+            f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? give --vehicle"
+        )
     numbers = _numbers(log, frame.motors)
     count = len(frame.motors)
     if len(turning) > count:
-        raise LogError(f"{log.path}: {frame.source}: {count} motors, but {len(turning)} ESCs turn; give --vehicle")
+        raise LogError(
+            f"{log.path}: {frame.source}: {count} motors, but {len(turning)} ESCs turn; give --vehicle"
+        )
     by_motor = {m.number: m.number for m in frame.motors}
     in_order = dict(zip(by_motor, sorted(speeds), strict=False))
     for ways in (numbers, by_motor, *([in_order] if len(speeds) == count else [])):
@@ -187,7 +197,10 @@ def _unknown(count: int, said: str, why: str, *, declared: bool = False) -> Airf
 
 def _ring(count: int) -> tuple[Motor, ...]:
     angles = 2.0 * np.pi * (np.arange(count) + 0.5) / count
-    return tuple(Motor(k, float(np.cos(a)), float(np.sin(a)), 1 if k % 2 else -1) for k, a in enumerate(angles, 1))
+    return tuple(
+        Motor(k, float(np.cos(a)), float(np.sin(a)), 1 if k % 2 else -1)
+        for k, a in enumerate(angles, 1)
+    )
 
 
 def _numbers(log: FlightLog, motors: tuple[Motor, ...]) -> dict[int, int]:
@@ -213,7 +226,11 @@ def _moving(servo: Series | None) -> Collection[int]:
 
 def _turning(log: FlightLog) -> set[int]:
     """ESCs, from 1, that turn."""
-    return {number for number, rpm in _speeds(log).items() if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0}
+    return {
+        number
+        for number, rpm in _speeds(log).items()
+        if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0
+    }
 
 
 def _speeds(log: FlightLog) -> dict[int, Series]:
@@ -221,19 +238,25 @@ def _speeds(log: FlightLog) -> dict[int, Series]:
     return {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
 
 
-def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: Collection[int], source: str) -> None:
+def _check_outputs(
+    log: FlightLog, numbers: Mapping[int, int], moving: Collection[int], source: str
+) -> None:
     still = sorted(set(numbers.values()) - set(moving))
     if len(still) == len(numbers):
         raise LogError(f"{log.path}: no output of a motor moves: the vehicle did not fly")
     if still:
         on = ", ".join(map(str, numbers.values()))
-        raise LogError(f"{log.path}: {source}: motors on outputs {on}, but output {still[0]} never moves")
+        raise LogError(
+            f"{log.path}: {source}: motors on outputs {on}, but output {still[0]} never moves"
+        )
     assert log.servo is not None
     low, high, key = pwm_range(log.parameters, min(numbers.values()), log.motor_outputs.group)
     used = log.servo.values[:, [n - 1 for n in numbers.values()]]
     most = float(np.nanpercentile(used, 99.0))
     if key and most > high + _BEYOND * (high - low):
-        raise LogError(f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach {most:.0f} us")
+        raise LogError(
+            f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach {most:.0f} us"
+        )
 
 
 def is_tandem(log: FlightLog) -> bool:

@@ -35,7 +35,9 @@ class ThrustFit:
     """Median output 0...1 of the rotors; NaN where rotor speeds are telemetered."""
 
 
-def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Record], NDArray[np.bool_]]) -> ThrustFit:
+def fit_records(
+    records: Sequence[Record], start: Vehicle, where: Callable[[Record], NDArray[np.bool_]]
+) -> ThrustFit:
     """The vehicle ``start``, of which the records are, with what the rows ``where`` of them measure."""
     rows = [(r, where(r)) for r in records]
 
@@ -46,11 +48,14 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
     if not lift.size:
         return ThrustFit(start)
     found: dict[str, float] = {}
-    vehicle, curve, output = start, start.throttle, math.nan
+    vehicle = start
+    curve = start.throttle
+    output = math.nan
     if curve is None:
         scale = _slope(lift, pooled(lambda r: r.context.thrust.sum(axis=1)))
         fans = tuple(replace(f, ct=_rounded((f.ct or 0.0) * scale)) for f in start.fans)
-        found["ct"], vehicle = scale, replace(start, fans=fans)
+        found["ct"] = scale
+        vehicle = replace(start, fans=fans)
     else:
         u = pooled(_outputs)
         output = float(np.median(u.mean(axis=1)))
@@ -63,7 +68,11 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
             curve = replace(curve, voltage_v=found["voltage_v"])
         vehicle = replace(start, throttle=curve)
     throttle = pooled(lambda r: r.context.state.thrust_command)
-    hover = float(np.nanmedian(throttle)) if np.isfinite(throttle).sum() >= 0.5 * len(lift) else math.nan
+    hover = (
+        float(np.nanmedian(throttle))
+        if np.isfinite(throttle).sum() >= 0.5 * len(lift)
+        else math.nan
+    )
     if 0.05 < hover < 0.95:
         found["hover_thrust"] = _rounded(hover)
         vehicle = replace(vehicle, hover_thrust=found["hover_thrust"])
@@ -82,7 +91,8 @@ def hovering(record: Record) -> NDArray[np.bool_]:
 
 def free_flight(record: Record) -> NDArray[np.bool_]:
     """Rows (n,) that are judged, away from every surface that is seen."""
-    state, far = record.context.state, _FAR * record.context.vehicle.rotor_radius_m
+    state = record.context.state
+    far = _FAR * record.context.vehicle.rotor_radius_m
     distances = np.hstack([state.h_m, state.d_m, state.ceiling_m])
     return np.asarray(record.valid & (np.nan_to_num(distances, nan=np.inf).min(axis=1) >= far))
 
@@ -91,9 +101,12 @@ def _outputs(record: Record) -> Array:
     """Outputs (n, rotors) of the rotors, 0...1."""
     vehicle = record.context.vehicle
     assert vehicle.throttle is not None
-    low, high = vehicle.throttle.pwm_min_us, vehicle.throttle.pwm_max_us
+    low = vehicle.throttle.pwm_min_us
+    high = vehicle.throttle.pwm_max_us
     channels = [r.servo - 1 for r in vehicle.rotors if r.servo is not None]
-    return np.asarray(np.clip((record.context.state.servo_us[:, channels] - low) / (high - low), 0.0, 1.0))
+    return np.asarray(
+        np.clip((record.context.state.servo_us[:, channels] - low) / (high - low), 0.0, 1.0)
+    )
 
 
 def _slope(y: Array, x: Array) -> float:

@@ -11,11 +11,19 @@ from dataclasses import dataclass
 
 from replay.flightlog import FlightLog
 
-_AEROPLANE, _VTOL, _HELICOPTER = "an aeroplane", "a VTOL aeroplane", "a helicopter"
-_ROVER, _BOAT, _SUBMARINE, _AIRSHIP = "a rover", "a boat", "a submarine", "an airship"
-_TRACKER, _SPACECRAFT = "an antenna tracker", "a spacecraft"
-_SINGLE, _COAX = "a single-rotor copter with vanes", "a coaxial copter with vanes"
-_BICOPTER, _SIX_AXES = "a bicopter", "a vehicle with rotors in all directions"
+_AEROPLANE = "an aeroplane"
+_VTOL = "a VTOL aeroplane"
+_HELICOPTER = "a helicopter"
+_ROVER = "a rover"
+_BOAT = "a boat"
+_SUBMARINE = "a submarine"
+_AIRSHIP = "an airship"
+_TRACKER = "an antenna tracker"
+_SPACECRAFT = "a spacecraft"
+_SINGLE = "a single-rotor copter with vanes"
+_COAX = "a coaxial copter with vanes"
+_BICOPTER = "a bicopter"
+_SIX_AXES = "a vehicle with rotors in all directions"
 
 _MAV_TYPES = {
     1: _AEROPLANE, 3: "a coaxial helicopter", 4: _HELICOPTER, 5: _TRACKER, 7: _AIRSHIP, 8: "a balloon", 9: "a rocket",

@@ -49,7 +49,10 @@ class Case:
 
     def fly(self, vehicle: Vehicle) -> Flown:
         """Fly it."""
-        once, law = build(self.scenario, vehicle, air=self.mode != "free"), law_of(self.scenario, self.seed)
+        once, law = (
+            build(self.scenario, vehicle, air=self.mode != "free"),
+            law_of(self.scenario, self.seed),
+        )
         config = PipelineConfig(
             vehicle,
             model_of(self.kind, vehicle, law),
@@ -106,7 +109,11 @@ def report(found: Sequence[Cell]) -> str:
         for kind in KINDS:
             for mode in MODES:
                 for k in sorted({c.approach for c in found}, key=lambda n: (n == 0, n)):
-                    here = [c for c in found if (c.case.kind, c.case.mode, c.axis, c.approach) == (kind, mode, axis, k)]
+                    here = [
+                        c
+                        for c in found
+                        if (c.case.kind, c.case.mode, c.axis, c.approach) == (kind, mode, axis, k)
+                    ]
                     if here:
                         lines.append(_line(here))
     return "\n".join(lines)
@@ -115,7 +122,9 @@ def report(found: Sequence[Cell]) -> str:
 def _line(here: Sequence[Cell]) -> str:
     first, v = here[0], np.array([(c.rms, c.rms_off, c.left, c.air) for c in here])
     rms = interval(v, lambda x: float(np.sqrt(np.mean(x[:, 0] ** 2))))
-    worse = interval(v, lambda x: 100.0 * float(np.sqrt(np.sum(x[:, 0] ** 2) / np.sum(x[:, 1] ** 2)) - 1.0))
+    worse = interval(
+        v, lambda x: 100.0 * float(np.sqrt(np.sum(x[:, 0] ** 2) / np.sum(x[:, 1] ** 2)) - 1.0)
+    )
     gone = interval(v, lambda x: 100.0 * float(1.0 - x[:, 2].sum() / x[:, 3].sum()))
     off = float(np.sqrt(np.mean(v[:, 1] ** 2)))
     number = str(first.approach) if first.approach else "all"
@@ -140,7 +149,9 @@ def kept(folder: Path | None, vehicle: Vehicle, case: Case) -> Flown:
 
 def main() -> int:
     """Fly what is not kept yet, and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--seeds", type=int, default=10, help="how many, from --first on")
     p.add_argument("--first", type=int, default=101)
     p.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
@@ -148,11 +159,18 @@ def main() -> int:
     p.add_argument("--scenario", choices=NAMES, default="corner")
     p.add_argument("--approaches", type=int, default=APPROACHES)
     p.add_argument("--vehicle", type=Path)
-    p.add_argument("--legs", type=Path, metavar="DIR", help="keep flown legs here, and do not fly them again")
+    p.add_argument(
+        "--legs", type=Path, metavar="DIR", help="keep flown legs here, and do not fly them again"
+    )
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     found: list[Cell] = []
-    for seed in tqdm(range(a.first, a.first + a.seeds), unit="seed", file=sys.stderr, disable=not sys.stderr.isatty()):
+    for seed in tqdm(
+        range(a.first, a.first + a.seeds),
+        unit="seed",
+        file=sys.stderr,
+        disable=not sys.stderr.isatty(),
+    ):
         of_seed = {
             (kind, mode): Case(a.scenario, a.approaches, kind, mode, seed)
             for kind, mode in (("none", "off"), ("none", "free"), *product(a.kinds, a.modes))

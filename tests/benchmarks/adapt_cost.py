@@ -79,13 +79,19 @@ def grown_bytes(samples: list[Sample], config: PipelineConfig) -> int:
 
 def main() -> int:
     """Measure and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("log", nargs="?", type=Path)
     p.add_argument("--rounds", type=int, default=5)
-    p.add_argument("--samples", type=int, default=10**9, metavar="N", help="only the last N of the flight")
+    p.add_argument(
+        "--samples", type=int, default=10**9, metavar="N", help="only the last N of the flight"
+    )
     a = p.parse_args()
     vehicle = default_vehicle()
-    off, full = (PipelineConfig(vehicle, models.load(), adapt=mode) for mode in (Adapt.OFF, Adapt.FULL))
+    off, full = (
+        PipelineConfig(vehicle, models.load(), adapt=mode) for mode in (Adapt.OFF, Adapt.FULL)
+    )
     with tempfile.TemporaryDirectory() as folder:
         log = a.log
         if log is None:

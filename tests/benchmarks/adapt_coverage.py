@@ -57,19 +57,29 @@ def thrust_ratio(flight: SimulatedFlight, model: Any) -> float:
     body, vehicle = flight.body, flight.vehicle
     each = vehicle.mass_kg * 9.80665 / len(vehicle.fans)
     rpm = math.sqrt(each / (body._per_rpm2 * body._fans[0].ct))
-    true = [f.ct * body._per_rpm2 * rpm**2 * (rpm / RPM_HOVER) ** REYNOLDS_EXPONENT for f in body._fans]
+    true = [
+        f.ct * body._per_rpm2 * rpm**2 * (rpm / RPM_HOVER) ** REYNOLDS_EXPONENT for f in body._fans
+    ]
     return float(np.mean(true)) / float(model.query(math.inf, math.inf, rpm).wrench[2])
 
 
 def carrying(seed: int) -> tuple[Watch, list[Truth]]:
     """A load of 0.2 to 0.8 kg is picked up in hover."""
-    kg, vehicle, model = random.Random(f"load {seed}").uniform(0.2, 0.8), default_vehicle(), models.load()
+    kg, vehicle, model = (
+        random.Random(f"load {seed}").uniform(0.2, 0.8),
+        default_vehicle(),
+        models.load(),
+    )
     flight = simulated(vehicle, build("hover", vehicle), seed)
     ratio, at_s = thrust_ratio(flight, model), 25.0
     watch = fly(flight, PipelineConfig(vehicle, model, adapt=Adapt.FULL), 50.0, payload(at_s, kg))
     loaded = ratio * vehicle.mass_kg / (vehicle.mass_kg + kg)
     return watch, [
-        Truth("thrust_scale", START_S, lambda t: ratio if t < at_s else loaded if t > at_s + AFTER_S else math.nan)
+        Truth(
+            "thrust_scale",
+            START_S,
+            lambda t: ratio if t < at_s else loaded if t > at_s + AFTER_S else math.nan,
+        )
     ]
 
 
@@ -83,7 +93,10 @@ def blown(seed: int) -> tuple[Watch, list[Truth]]:
         PipelineConfig(vehicle, model, adapt=Adapt.FULL), 50.0, wind(at_s, north, east),
     )  # fmt: skip
     from_s = at_s + 3.0 + AFTER_S
-    return watch, [Truth("wind_north", from_s, lambda _: north), Truth("wind_east", from_s, lambda _: east)]
+    return watch, [
+        Truth("wind_north", from_s, lambda _: north),
+        Truth("wind_east", from_s, lambda _: east),
+    ]
 
 
 def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
@@ -91,7 +104,17 @@ def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
     gain = random.Random(f"ceiling {seed}").uniform(0.5, 1.5)
     vehicle, model = with_ceiling_sensor(default_vehicle()), models.load()
     known = model.with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
-    heights = ((0, 1.2), (6, 1.2), (12, 1.66), (22, 1.66), (28, 1.2), (32, 1.2), (38, 1.66), (48, 1.66), (50, 1.6))
+    heights = (
+        (0, 1.2),
+        (6, 1.2),
+        (12, 1.66),
+        (22, 1.66),
+        (28, 1.2),
+        (32, 1.2),
+        (38, 1.66),
+        (48, 1.66),
+        (50, 1.6),
+    )
     waypoints = tuple(Waypoint(float(t), 0.0, h, name="c") for t, h in heights)
     script = replace(build("hover", vehicle), waypoints=waypoints, rounding_s=0.6)
     flight = simulated(vehicle, script, seed)
@@ -113,7 +136,10 @@ def sagging(seed: int) -> tuple[Watch, list[Truth]]:
         if not ratios or t - ratios[-1][0] >= 0.2:
             sag = body.pack.voltage_v / body._hover_v
             each = [
-                fan.ct / body._fans[0].ct * (sag * gain) ** 2 * (max(rpm, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
+                fan.ct
+                / body._fans[0].ct
+                * (sag * gain) ** 2
+                * (max(rpm, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
                 for fan, gain, rpm in zip(body._fans, body._rotor_gain, body.rpm, strict=True)
             ]
             ratios.append((t, float(np.mean(each))))
@@ -128,7 +154,9 @@ def sagging(seed: int) -> tuple[Watch, list[Truth]]:
 
 def declared_by_servo(vehicle: Vehicle) -> Vehicle:
     """The same with thrust by servo outputs instead of telemetered speeds."""
-    curve = Throttle(max_thrust_n=14.5, expo=0.65, pwm_min_us=1000.0, pwm_max_us=2000.0, voltage_v=25.0)
+    curve = Throttle(
+        max_thrust_n=14.5, expo=0.65, pwm_min_us=1000.0, pwm_max_us=2000.0, voltage_v=25.0
+    )
     fans = tuple(
         replace(f, rotors=tuple(replace(r, esc=None, servo=r.esc) for r in f.rotors)) for f in vehicle.fans
     )  # fmt: skip
@@ -143,10 +171,19 @@ def cornered(seed: int) -> tuple[Watch, list[Truth]]:
     ratio = thrust_ratio(flight, model)
     config = PipelineConfig(vehicle, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     watch = fly(flight, config, 120.0)
-    return watch, [Truth(name, START_S + 17.0, lambda _: ratio) for name in ("ground_lift", "wall_tilt", "wall_pull")]
+    return watch, [
+        Truth(name, START_S + 17.0, lambda _: ratio)
+        for name in ("ground_lift", "wall_tilt", "wall_pull")
+    ]
 
 
-CASES = {"payload": carrying, "wind": blown, "ceiling": ceilinged, "battery": sagging, "corner": cornered}
+CASES = {
+    "payload": carrying,
+    "wind": blown,
+    "ceiling": ceilinged,
+    "battery": sagging,
+    "corner": cornered,
+}
 
 
 def scores(watch: Watch, truths: list[Truth]) -> dict[str, list[float]]:
@@ -163,7 +200,9 @@ def scores(watch: Watch, truths: list[Truth]) -> dict[str, list[float]]:
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--seeds", type=int, default=20)
     p.add_argument("--first", type=int, default=201)
     p.add_argument("--cases", nargs="+", choices=sorted(CASES), default=list(CASES))
@@ -171,11 +210,16 @@ def main() -> int:
     add_option(p)
     a = p.parse_args()
     answer = {}
-    print(f"simulated, seeds {a.first} to {a.first + a.seeds - 1}; share of 90 % intervals that hold the truth")
+    print(
+        f"simulated, seeds {a.first} to {a.first + a.seeds - 1}; share of 90 % intervals that hold the truth"
+    )
     for case in a.cases:
         found: dict[str, list[list[float]]] = {}
         for seed in tqdm(
-            range(a.first, a.first + a.seeds), desc=case, file=sys.stderr, disable=not sys.stderr.isatty()
+            range(a.first, a.first + a.seeds),
+            desc=case,
+            file=sys.stderr,
+            disable=not sys.stderr.isatty(),
         ):
             for size, values in scores(*CASES[case](seed)).items():
                 found.setdefault(size, []).append(values)
@@ -191,7 +235,12 @@ def main() -> int:
                 f"{len(flights)} flights; error {np.mean(every):+.2f} sd in the mean, {rms:.2f} RMS",
                 flush=True,
             )
-            answer[f"{case}.{size}"] = {"share": share, "interval": [low, high], "n": len(every), "rms_sd": rms}
+            answer[f"{case}.{size}"] = {
+                "share": share,
+                "interval": [low, high],
+                "n": len(every),
+                "rms_sd": rms,
+            }
     if a.json is not None:
         a.json.write_text(json.dumps(answer, indent=1))
     figures = [
@@ -204,7 +253,9 @@ def main() -> int:
         )
         for name, found in answer.items()
     ]
-    write_result(a, figures, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True, repeatable=True)
+    write_result(
+        a, figures, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True, repeatable=True
+    )
     return 0
 
 

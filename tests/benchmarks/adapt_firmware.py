@@ -78,18 +78,26 @@ def compensated(vehicle_file: Path, log: Path, kind: str, mode: str) -> tuple[Ar
 
 def rms(force: Array) -> tuple[float, float]:
     """Vertical and level [N]."""
-    return float(np.sqrt(np.mean(force[:, 2] ** 2))), float(np.sqrt(np.mean((force[:, :2] ** 2).sum(axis=1))))
+    return float(np.sqrt(np.mean(force[:, 2] ** 2))), float(
+        np.sqrt(np.mean((force[:, :2] ** 2).sum(axis=1)))
+    )
 
 
 def main() -> int:
     """Replay and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--data", type=Path, default=DATA, metavar="DIR")
-    p.add_argument("--only", default="", metavar="TEXT", help="only recordings whose path holds this")
+    p.add_argument(
+        "--only", default="", metavar="TEXT", help="only recordings whose path holds this"
+    )
     p.add_argument("--json", type=Path, metavar="FILE")
     a = p.parse_args()
     told = []
-    for vehicle, name in tqdm([f for f in FLIGHTS if a.only in f[1]], file=sys.stderr, disable=not sys.stderr.isatty()):
+    for vehicle, name in tqdm(
+        [f for f in FLIGHTS if a.only in f[1]], file=sys.stderr, disable=not sys.stderr.isatty()
+    ):
         log, truth = a.data / f"{name}.tlog", a.data / f"{name}.truth.csv"
         if not log.exists():
             print(f"left out: {name}: not there", file=sys.stderr)
@@ -98,12 +106,23 @@ def main() -> int:
             for mode in MODES:
                 times, ours = compensated(a.data / vehicle, log, kind, mode)
                 true = true_force(truth, times)
-                worse = [100.0 * (left / of - 1.0) for left, of in zip(rms(true - ours), rms(true), strict=True)]
+                worse = [
+                    100.0 * (left / of - 1.0)
+                    for left, of in zip(rms(true - ours), rms(true), strict=True)
+                ]
                 shown = "  ".join(
-                    f"{axis} {w:+6.1f} % of {of:5.2f} N" for axis, w, of in zip(AXES, worse, rms(true), strict=True)
+                    f"{axis} {w:+6.1f} % of {of:5.2f} N"
+                    for axis, w, of in zip(AXES, worse, rms(true), strict=True)
                 )
                 print(f"{Path(name).name:34} {kind:11} {mode:5} {shown}", flush=True)
-                told.append({"flight": name, "model": kind, "mode": mode, "worse": dict(zip(AXES, worse, strict=True))})
+                told.append(
+                    {
+                        "flight": name,
+                        "model": kind,
+                        "mode": mode,
+                        "worse": dict(zip(AXES, worse, strict=True)),
+                    }
+                )
     if a.json is not None:
         a.json.write_text(json.dumps(told, indent=1))
     return 0

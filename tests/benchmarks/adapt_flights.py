@@ -35,7 +35,11 @@ class Pilot(ScriptedPilot):
     """The scripted pilot, with changes; ``land_s``: boot time at which it lands, ``end_s``: at which all is over."""
 
     def __init__(
-        self, world: FaultyLockstep, changes: tuple[Change, ...], end_s: float, land_s: float = math.inf
+        self,
+        world: FaultyLockstep,
+        changes: tuple[Change, ...],
+        end_s: float,
+        land_s: float = math.inf,
     ) -> None:
         super().__init__(world.flight, world.link, companion=True)
         self._changes, self._end_s, self._land_s = changes, end_s, land_s
@@ -75,7 +79,9 @@ class Watch:
     def frame(self, arrival_us: int, frame: object) -> None:
         """Not looked at."""
 
-    def size(self, name: str, after_s: float = 0.0, before_s: float = math.inf) -> list[tuple[float, float, float]]:
+    def size(
+        self, name: str, after_s: float = 0.0, before_s: float = math.inf
+    ) -> list[tuple[float, float, float]]:
         """(boot time, value, sd) of one size."""
         return [
             (t, known.estimates()[name].value, known.estimates()[name].sd)
@@ -120,7 +126,9 @@ def push(flight: SimulatedFlight, force: Force) -> None:
 
 def bump(at_s: float, newtons: float = 40.0, seconds: float = 0.1) -> Force:
     """A knock from the side."""
-    return lambda _, t: (0.0, -newtons, 0.5 * newtons) if at_s <= t < at_s + seconds else (0.0, 0.0, 0.0)
+    return lambda _, t: (
+        (0.0, -newtons, 0.5 * newtons) if at_s <= t < at_s + seconds else (0.0, 0.0, 0.0)
+    )
 
 
 def hand(at_s: float, until_s: float) -> Force:
@@ -135,7 +143,11 @@ def hand(at_s: float, until_s: float) -> Force:
             held.append(list(b.position))
         x, v = [p - q for p, q in zip(b.position, held[0], strict=True)], b.velocity
         lift = 0.35 * flight.vehicle.mass_kg * GRAVITY
-        return -60.0 * x[0] - 10.0 * v[0], -60.0 * x[1] - 10.0 * v[1], -60.0 * x[2] - 10.0 * v[2] - lift
+        return (
+            -60.0 * x[0] - 10.0 * v[0],
+            -60.0 * x[1] - 10.0 * v[1],
+            -60.0 * x[2] - 10.0 * v[2] - lift,
+        )
 
     return force
 
@@ -200,9 +212,13 @@ class CeilingSensor(RangeSensor):
         self._next_s = body.time_s + 0.02
         if len(self._late) == 2:
             lost = self._rng.random() < 0.01
-            self.reading_m = OUT_OF_RANGE_M if lost else round(self._late[0] + self._rng.gauss(0.0, 0.008), 2)
+            self.reading_m = (
+                OUT_OF_RANGE_M if lost else round(self._late[0] + self._rng.gauss(0.0, 0.008), 2)
+            )
         up = body.rotation()[8]
-        self._late.append((self._ceiling_m + body.position[2] + self.sensor.position_m[2] * up) / up)
+        self._late.append(
+            (self._ceiling_m + body.position[2] + self.sensor.position_m[2] * up) / up
+        )
 
 
 def add_ceiling(flight: SimulatedFlight, ceiling_m: float, gain: float, scale: float = 1.0) -> None:

@@ -29,18 +29,31 @@ class TrueModel:
     def __init__(self, vehicle: Vehicle, law: SurfaceLaw) -> None:
         self.info: Mapping[str, Any] = {"method": "truth"}
         self._law, self._radius = law, vehicle.rotor_radius_m
-        self._per_rpm2 = RHO_SEA_LEVEL * vehicle.disc_area_m2 * (2.0 * np.pi / 60.0 * vehicle.rotor_radius_m) ** 2
+        self._per_rpm2 = (
+            RHO_SEA_LEVEL
+            * vehicle.disc_area_m2
+            * (2.0 * np.pi / 60.0 * vehicle.rotor_radius_m) ** 2
+        )
         self._ct = vehicle.fans[0].ct or 0.0
         self._torque = vehicle.fans[0].ct is None
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """As a surrogate's."""
-        h, d, rpm = np.broadcast_arrays(np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float))
+        h, d, rpm = np.broadcast_arrays(
+            np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float)
+        )
         out = np.zeros((*h.shape, 6))
         for index in np.ndindex(h.shape):
             speed = float(rpm[index])
-            lift = self._ct * self._per_rpm2 * speed**2 * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
-            inc = self._law.increments(float(h[index]) / self._radius, float(d[index]) / self._radius)
+            lift = (
+                self._ct
+                * self._per_rpm2
+                * speed**2
+                * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
+            )
+            inc = self._law.increments(
+                float(h[index]) / self._radius, float(d[index]) / self._radius
+            )
             arm = lift * self._radius
             torque = PAPER_CQ * self._per_rpm2 * speed**2 * self._radius * self._torque
             out[index] = (
@@ -64,14 +77,18 @@ class WarpedModel:
     effects: tuple[AdoptedEffect, ...] = ()
     calibration = SURE
 
-    def __init__(self, inner: Any, *, gain: float = 1.0, nearer: float = 1.0, lift: float = 1.0) -> None:
+    def __init__(
+        self, inner: Any, *, gain: float = 1.0, nearer: float = 1.0, lift: float = 1.0
+    ) -> None:
         self.info: Mapping[str, Any] = {"method": "warped"}
         self._inner, self._gain, self._nearer, self._lift = inner, gain, nearer, lift
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """As a surrogate's."""
         near = self._inner.query(np.asarray(h) * self._nearer, np.asarray(d) * self._nearer, rpm)
-        far = self._inner.query(np.full(np.shape(h), np.inf), np.full(np.shape(d), np.inf), rpm).wrench
+        far = self._inner.query(
+            np.full(np.shape(h), np.inf), np.full(np.shape(d), np.inf), rpm
+        ).wrench
         wrench = self._lift * (far + self._gain * (near.wrench - far))
         return Answer(wrench, near.sigma, near.trust)
 
@@ -93,16 +110,26 @@ class OfThisFan:
 
     def __init__(self, inner: Any, vehicle: Vehicle, inner_radius_m: float) -> None:
         self.info: Mapping[str, Any] = {"method": "of this fan"}
-        self._inner, self._free, self._size = inner, empty_model(vehicle), vehicle.rotor_radius_m / inner_radius_m
+        self._inner, self._free, self._size = (
+            inner,
+            empty_model(vehicle),
+            vehicle.rotor_radius_m / inner_radius_m,
+        )
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """As a surrogate's."""
-        h, d, rpm = np.broadcast_arrays(np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float))
+        h, d, rpm = np.broadcast_arrays(
+            np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float)
+        )
         there = np.full(h.shape, RPM_HOVER)
         near = self._inner.query(h / self._size, d / self._size, there)
         far = self._inner.query(np.full(h.shape, np.inf), np.full(h.shape, np.inf), there).wrench
         free = self._free.query(np.full(h.shape, np.inf), np.full(h.shape, np.inf), rpm).wrench
-        share = (near.wrench - far) / far[..., 2:3] * np.array([1.0, 1.0, 1.0, self._size, self._size, self._size])
+        share = (
+            (near.wrench - far)
+            / far[..., 2:3]
+            * np.array([1.0, 1.0, 1.0, self._size, self._size, self._size])
+        )
         wrench = free + free[..., 2:3] * share
         return Answer(wrench, np.zeros_like(wrench), near.trust)
 

@@ -42,7 +42,10 @@ FLIGHTS = (
     ("firmware/ardupilot/quad3.toml", "firmware/ardupilot/approach_amended_model.tlog"),
     ("firmware/px4/quad.toml", "firmware/px4/corner_offsets_off.tlog"),
     ("ardupilot/s1_quad3_ground_wall_corner.toml", "ardupilot/s1_quad3_ground_wall_corner.tlog"),
-    ("ardupilot/s4_quad3_attitude_target_corner.toml", "ardupilot/s4_quad3_attitude_target_corner.tlog"),
+    (
+        "ardupilot/s4_quad3_attitude_target_corner.toml",
+        "ardupilot/s4_quad3_attitude_target_corner.tlog",
+    ),
     ("measured/neural-fly.toml", "measured/nf_baseline_nowind.tlog"),
     ("measured/neural-fly.toml", "measured/nf_baseline_35wind.tlog"),
     ("measured/neural-fly.toml", "measured/nf_baseline_70p20sint.tlog"),
@@ -68,7 +71,10 @@ class Learned:
     def gained(self) -> tuple[float, float]:
         """Share of the RMS that the sizes take away: of forces, of moments; NaN where they are not judged."""
         left = self.with_sizes**2, self.as_modelled**2
-        forces, moments = (1.0 - float(np.sqrt(left[0][a].sum() / left[1][a].sum())) for a in (slice(3), slice(3, 5)))
+        forces, moments = (
+            1.0 - float(np.sqrt(left[0][a].sum() / left[1][a].sum()))
+            for a in (slice(3), slice(3, 5))
+        )
         return forces, moments
 
 
@@ -130,7 +136,9 @@ def diagnosed(vehicle_file: Path, log: Path) -> dict[str, Any]:
 
 def main() -> int:
     """Learn and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--data", type=Path, default=DATA, metavar="DIR")
     p.add_argument("--only", default="", metavar="TEXT", help="only logs whose path holds this")
     p.add_argument("--diagnose", action="store_true")
@@ -158,7 +166,15 @@ def main() -> int:
         whole = diagnosed(a.data / vehicle, a.data / log) if a.diagnose else {}
         if a.diagnose:
             print(f"  whole flight: {json.dumps(whole)}", flush=True)
-        told.append({"log": log, "sizes": one.known.as_json(), "forces": forces, "moments": moments, "whole": whole})
+        told.append(
+            {
+                "log": log,
+                "sizes": one.known.as_json(),
+                "forces": forces,
+                "moments": moments,
+                "whole": whole,
+            }
+        )
     if a.json is not None:
         a.json.write_text(json.dumps(told, indent=1))
     return 0

@@ -86,7 +86,9 @@ def ranged(body: Body, position: Vec, direction: Vec) -> float:
 def vehicle_file(folder: Path) -> Path:
     """The shipped tandem with a rangefinder that looks up."""
     path = folder / "tandem_with_up_ranger.toml"
-    path.write_text(TANDEM.read_text(encoding="utf-8").replace("[limits]", SENSOR), encoding="utf-8")
+    path.write_text(
+        TANDEM.read_text(encoding="utf-8").replace("[limits]", SENSOR), encoding="utf-8"
+    )
     return path
 
 
@@ -121,7 +123,9 @@ def fly(
         patch("companion.sim.flight.Body", CeilingBody),
         patch("companion.sim.sensors.true_range", ranged),
     ):
-        return fly_judged(SimulatedFlight(declared, scenario or script(), seed), config, Leg.ON, record=record)
+        return fly_judged(
+            SimulatedFlight(declared, scenario or script(), seed), config, Leg.ON, record=record
+        )
 
 
 @dataclass(frozen=True)
@@ -141,7 +145,9 @@ def changes(old: Sequence[Flown], new: Sequence[Flown], *, under: bool) -> dict[
     flight = script()
 
     def rms(f: Flown, axis: str) -> float:
-        near = np.array([CEILING_M + flight.reference(float(s)).position[2] < UNDER_M for s in f.time_s])
+        near = np.array(
+            [CEILING_M + flight.reference(float(s)).position[2] < UNDER_M for s in f.time_s]
+        )
         return float(np.sqrt(np.mean(f.size(axis)[near if under else slice(None)] ** 2)))
 
     out = {}
@@ -150,7 +156,9 @@ def changes(old: Sequence[Flown], new: Sequence[Flown], *, under: bool) -> dict[
         difference = b - a
         half = math.nan
         if len(a) > 1:
-            half = float(student.ppf(0.975, len(a) - 1) * difference.std(ddof=1) / math.sqrt(len(a)))
+            half = float(
+                student.ppf(0.975, len(a) - 1) * difference.std(ddof=1) / math.sqrt(len(a))
+            )
         mean = float(difference.mean())
         out[axis] = Change(float(a.mean()), float(b.mean()), mean, (mean - half, mean + half))
     return out
@@ -160,7 +168,12 @@ def diagnose(logs: Sequence[Path], vehicle: Path, folder: Path) -> tuple[Path, d
     """``replay diagnose --save-model`` on the learning flights: the amended model and the answer."""
     model, answer = folder / "amended", folder / "answer.json"
     command = ["diagnose", *map(str, logs), "--vehicle", str(vehicle), "--quiet"]
-    if replay([*command, "--save-model", str(model), "--json", str(answer), "--report", str(folder)]) != 0:
+    if (
+        replay(
+            [*command, "--save-model", str(model), "--json", str(answer), "--report", str(folder)]
+        )
+        != 0
+    ):
         raise ModelError("the recorded flights could not be diagnosed")
     return model, json.loads(answer.read_text())
 
@@ -178,18 +191,26 @@ def measure(seeds: Sequence[int], folder: Path, *, quiet: bool = False) -> dict[
         fly(seed, None, vehicle, log)
         say(f"recorded {log.name}")
     model, answer = diagnose(logs, vehicle, folder)
-    say(f"{answer['verdict']}: " + ", ".join(f"{e['name']} ({e['status']})" for e in answer["effects"]))
+    say(
+        f"{answer['verdict']}: "
+        + ", ".join(f"{e['name']} ({e['status']})" for e in answer["effects"])
+    )
     old, new = [], []
     for seed in seeds:
         old.append(fly(seed, None, vehicle))
         new.append(fly(seed, model, vehicle))
-        say(f"seed {seed}: height RMS {old[-1].rms('height'):.1f} -> {new[-1].rms('height'):.1f} mm")
+        say(
+            f"seed {seed}: height RMS {old[-1].rms('height'):.1f} -> {new[-1].rms('height'):.1f} mm"
+        )
     return {
         "simulated": True,
         "seeds": list(seeds),
         "learnt_from": list(LEARNT_FROM),
         "verdict": answer["verdict"],
-        "effects": {e["name"]: {"status": e["status"], "parameters": e["parameters"]} for e in answer["effects"]},
+        "effects": {
+            e["name"]: {"status": e["status"], "parameters": e["parameters"]}
+            for e in answer["effects"]
+        },
         "axes": answer["axes"],
         **{
             where: {axis: vars(c) for axis, c in changes(old, new, under=under).items()}
@@ -214,10 +235,17 @@ def as_text(result: dict[str, Any]) -> str:
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--seeds", type=int, default=5, help="how many flights with each model")
     p.add_argument("--first", type=int, default=1)
-    p.add_argument("--keep", type=Path, metavar="DIR", help="keep flights and model here (default: a temporary folder)")
+    p.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="keep flights and model here (default: a temporary folder)",
+    )
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     add_option(p)
     a = p.parse_args()
@@ -238,10 +266,17 @@ def main() -> int:
     figures = [
         figure("height error under the ceiling [mm], shipped model", f"{height['old']:.1f}"),
         figure("the same, amended model", f"{height['new']:.1f}"),
-        figure("change [mm]", f"{height['change']:.1f}", "[{:.1f}, {:.1f}]".format(*height["ci95"])),
-        figure("lateral error, whole flight [mm], shipped, amended", f"{aside['old']:.1f}, {aside['new']:.1f}"),
+        figure(
+            "change [mm]", f"{height['change']:.1f}", "[{:.1f}, {:.1f}]".format(*height["ci95"])
+        ),
+        figure(
+            "lateral error, whole flight [mm], shipped, amended",
+            f"{aside['old']:.1f}, {aside['new']:.1f}",
+        ),
     ]
-    write_result(a, figures, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True, repeatable=True)
+    write_result(
+        a, figures, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True, repeatable=True
+    )
     return 0
 
 

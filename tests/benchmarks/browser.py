@@ -21,7 +21,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 PHONE, DESKTOP = (400, 800), (1280, 900)
 """Width and height of the window [px]."""
 
@@ -107,14 +109,21 @@ class Browser:
         self._rest, self._number, self._session = b"", 0, ""
         self._events: list[dict[str, Any]] = []
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.ask(f"{domain}.enable")
 
     def __enter__(self) -> Browser:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         os.killpg(self._process.pid, signal.SIGKILL)  # its helpers too: they write to its folder
         self._process.wait()
         os.close(self._to)
@@ -149,7 +158,13 @@ class Browser:
         """Load a page in a window of that size [px] and say what came of it."""
         self._events.clear()
         phone = size[0] < 600
-        self.ask("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=phone)
+        self.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=1,
+            mobile=phone,
+        )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.ask("Emulation.setEmulatedMedia", features=[scheme])
         self.ask("Page.navigate", url=url)
@@ -157,12 +172,15 @@ class Browser:
             self._events.append(self._next())
         facts = self.value(_FACTS)
         requests = [
-            e["params"]["request"]["url"] for e in self._events if e.get("method") == "Network.requestWillBeSent"
+            e["params"]["request"]["url"]
+            for e in self._events
+            if e.get("method") == "Network.requestWillBeSent"
         ]
         console = [
             json.dumps(e["params"])
             for e in self._events
-            if e.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
+            if e.get("method")
+            in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
         ]
         smallest = facts["smallest"]
         return Seen(
@@ -173,7 +191,9 @@ class Browser:
 
     def value(self, expression: str) -> Any:
         """A JavaScript expression, evaluated in the page."""
-        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)[
+            "result"
+        ].get("value")
 
     def picture(self) -> bytes:
         """The whole page as PNG."""
@@ -190,7 +210,9 @@ class Browser:
 
 def main() -> int:
     """Pictures of one page."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("page", type=Path)
     p.add_argument("--out", type=Path, default=Path("."))
     a = p.parse_args()
@@ -201,8 +223,12 @@ def main() -> int:
                 seen = browser.open(a.page.resolve().as_uri(), size, dark=dark)
                 target = a.out / f"{a.page.stem}-{name}-{'dark' if dark else 'light'}.png"
                 target.write_bytes(browser.picture())
-                print(f"{target}: width {seen.width} px, smallest text {seen.smallest_text_px:.1f} px")
-                print(f"  cells cut: {seen.cut_cells}; texts out of their chart: {list(seen.outside)}")
+                print(
+                    f"{target}: width {seen.width} px, smallest text {seen.smallest_text_px:.1f} px"
+                )
+                print(
+                    f"  cells cut: {seen.cut_cells}; texts out of their chart: {list(seen.outside)}"
+                )
                 print(f"  console: {list(seen.console)}; requests: {list(seen.requests)}")
         (a.out / f"{a.page.stem}.pdf").write_bytes(browser.print())
     return 0

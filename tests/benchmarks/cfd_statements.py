@@ -88,7 +88,10 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     made, rpm = assemble(rows, setup), setup.campaign.rpm
     kind = full_kind(rows, rpm)
     known = {
-        (round(float(row[0]) / setup.fan.radius_m, 9), round(float(row[1]) / setup.fan.radius_m, 9)): mark
+        (
+            round(float(row[0]) / setup.fan.radius_m, 9),
+            round(float(row[1]) / setup.fan.radius_m, 9),
+        ): mark
         for row, mark in zip(made.table, made.marks, strict=True)
         if row[2] == rpm
     }
@@ -96,9 +99,12 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     parts = {
         r.position.place: np.array(r.result.parts)
         for r in rows
-        if kind_of(r.position) == (kind if solved else HALF) and (r.position.rpm, r.position.approach) == (rpm, "near")
+        if kind_of(r.position) == (kind if solved else HALF)
+        and (r.position.rpm, r.position.approach) == (rpm, "near")
     }
-    bare = Checked(known, parts, mesh_error(rows, setup), labels(rows, rpm, kind), labels(rows, rpm), made)
+    bare = Checked(
+        known, parts, mesh_error(rows, setup), labels(rows, rpm, kind), labels(rows, rpm), made
+    )
     return replace(bare, statements=tuple(_statements(bare)))
 
 
@@ -120,14 +126,19 @@ def _statements(c: Checked) -> list[Statement]:
             ours, holds = judge(c)
         except LookupError:  # a place that the campaign does not have
             continue
-        out.append(Statement(claim, source, ours, {True: AGREES, False: DISAGREES, None: OPEN}[holds]))
+        out.append(
+            Statement(claim, source, ours, {True: AGREES, False: DISAGREES, None: OPEN}[holds])
+        )
     return out
 
 
 @_published("paper, figs 5 and 9", "lift ratio rises as the ground comes near")
 def _ground_lifts(c: Checked) -> Judged:
     doubt = {h: max(c.mesh[2], c.labels[h, math.inf].sigma[2]) / c.free for h in c.heights}
-    falls = all(c.ratio(b) <= c.ratio(a) + math.hypot(doubt[a], doubt[b]) for a, b in itertools.pairwise(c.heights))
+    falls = all(
+        c.ratio(b) <= c.ratio(a) + math.hypot(doubt[a], doubt[b])
+        for a, b in itertools.pairwise(c.heights)
+    )
     return ", ".join(f"{c.ratio(h):.3f} at {h:g}" for h in c.heights) + " R", falls
 
 
@@ -139,7 +150,8 @@ def _ground_ends(c: Checked) -> Judged:
 
 
 @_published(
-    "Zhou 2025", "+3.2 % for one ducted fan 1.6 R above ground at its exit (about h = 2.1 R); taken as 1 to 6 %"
+    "Zhou 2025",
+    "+3.2 % for one ducted fan 1.6 R above ground at its exit (about h = 2.1 R); taken as 1 to 6 %",
 )
 def _measured_fan(c: Checked) -> Judged:
     if not c.heights:
@@ -167,12 +179,17 @@ def _wall_tilts(c: Checked) -> Judged:
 def _wall_pulls(c: Checked) -> Judged:
     d = c.walls[0]
     pull = float(c.labels[math.inf, d].wrench[0])
-    return f"{pull:.2f} N ({100 * pull / c.free:.1f} % of the lift) at {d:g} R", bool(pull > c.mesh[0])
+    return f"{pull:.2f} N ({100 * pull / c.free:.1f} % of the lift) at {d:g} R", bool(
+        pull > c.mesh[0]
+    )
 
 
 @_published("paper, figs 6 and 10", "lift rises slightly near the wall")
 def _wall_lifts(c: Checked) -> Judged:
-    rises = sorted(((c.labels[math.inf, d].wrench[2] / c.free - 1, d) for d in c.walls), key=lambda rise: abs(rise[0]))
+    rises = sorted(
+        ((c.labels[math.inf, d].wrench[2] / c.free - 1, d) for d in c.walls),
+        key=lambda rise: abs(rise[0]),
+    )
     (rise, d), mesh = rises[-1], c.mesh[2] / c.free
     ours = f"{100 * rise:+.2f} % at {d:g} R (mesh uncertainty {100 * mesh:.2f} %)"
     return ours, bool(0 < rise < 0.04) if abs(rise) > mesh else None
@@ -196,19 +213,26 @@ def _wall_ends(c: Checked) -> Judged:
     "beside one wall the ground rules the lift (taken as: the wall changes it by less than 3 %)",
 )
 def _ground_rules(c: Checked) -> Judged:
-    changes = [(abs(c.labels[h, d].wrench[2] - c.labels[h, math.inf].wrench[2]) / c.free, h, d) for h, d in c.corners]
+    changes = [
+        (abs(c.labels[h, d].wrench[2] - c.labels[h, math.inf].wrench[2]) / c.free, h, d)
+        for h, d in c.corners
+    ]
     most, h, d = sorted(changes)[-1]
     return f"at most {100 * most:.1f} %, at h = {h:g} R, d = {d:g} R", bool(most < 0.03)
 
 
-@_published("paper, section 2.4", "coefficients do not change regularly with distance in the corner")
+@_published(
+    "paper, section 2.4", "coefficients do not change regularly with distance in the corner"
+)
 def _corner_is_irregular(c: Checked) -> Judged:
     heights = sorted({h for h, _ in c.corners})
     if not heights:
         raise LookupError("no place with ground and wall")
     bent = [h for h in heights if _turns(c, h)]
     listed = f" ({', '.join(f'{h:g} R' for h in bent)})" if bent else ""
-    return f"lift or pull turns round in d at {len(bent)} of {len(heights)} heights{listed}", bool(bent)
+    return f"lift or pull turns round in d at {len(bent)} of {len(heights)} heights{listed}", bool(
+        bent
+    )
 
 
 def _turns(c: Checked, h: float) -> bool:
@@ -227,7 +251,10 @@ def _turns(c: Checked, h: float) -> bool:
 def _corner_is_more(c: Checked) -> Judged:
     free = c.labels[FREE].wrench
     beyond = {
-        (h, d): c.labels[h, d].wrench - c.labels[h, math.inf].wrench - c.labels[math.inf, d].wrench + free
+        (h, d): c.labels[h, d].wrench
+        - c.labels[h, math.inf].wrench
+        - c.labels[math.inf, d].wrench
+        + free
         for h, d in c.corners
     }
     h, d = sorted(beyond, key=lambda place: abs(beyond[place][0]))[-1]
@@ -301,7 +328,8 @@ def text(s: dict[str, Any]) -> str:
     """The summary in words."""
     law = s["rpm_law"]
     exponents = ", ".join(
-        f"{a} {law['increment_exponent'][a]:.2f} +- {law['standard_error'][a]:.2f}" for a in ("Fx", "Fz", "My")
+        f"{a} {law['increment_exponent'][a]:.2f} +- {law['standard_error'][a]:.2f}"
+        for a in ("Fx", "Fz", "My")
     )
     lines = [
         f"{s['cases']} cases ({_counts(s['models'])}), {s['positions']} positions at the campaign's speed, "
@@ -328,8 +356,12 @@ def _counts(found: dict[str, int]) -> str:
 
 def main() -> int:
     """Print the statements and figures of a table of cases."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--cases", type=Path, default=SHIPPED_CASES, help="case table (default: the shipped one)")
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument(
+        "--cases", type=Path, default=SHIPPED_CASES, help="case table (default: the shipped one)"
+    )
     p.add_argument("--fan", type=Path, help="fan file (default: the built-in fan)")
     p.add_argument("--json", type=Path, help="write the figures here")
     a = p.parse_args()

@@ -45,27 +45,41 @@ def figures(answer: dict[str, Any]) -> list[dict[str, Any]]:
             rms = leg[axis]["rms"]
             value = f"{rms['mean']:.{digits}f} ± {rms['sd']:.{digits}f}"
             out.append(figure(f"{axis} error [{unit}], {words}", value))
-    return out + [figure(f"wall touched [s], {words}", f"{leg['touched_s']:.1f}") for words, leg in legs]
+    return out + [
+        figure(f"wall touched [s], {words}", f"{leg['touched_s']:.1f}") for words, leg in legs
+    ]
 
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--seeds", type=int, default=10, help="how many, from --first on")
     p.add_argument("--first", type=int, default=1)
     p.add_argument("--scenario", default="corner")
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--model")
-    p.add_argument("--adapt", type=read_adapt, default=Adapt.OFF, help="full: three approaches in each flight")
-    p.add_argument("--vision", action="store_true", help="no GPS: a position from visual odometry that drifts")
+    p.add_argument(
+        "--adapt", type=read_adapt, default=Adapt.OFF, help="full: three approaches in each flight"
+    )
+    p.add_argument(
+        "--vision", action="store_true", help="no GPS: a position from visual odometry that drifts"
+    )
     p.add_argument("--workers", type=int, help="flights at a time (default: one a core)")
     p.add_argument("--json", metavar="FILE", help="- for stdout")
-    p.add_argument("--plot", type=Path, metavar="FILE.svg", help="errors over the flight of the first seed")
+    p.add_argument(
+        "--plot", type=Path, metavar="FILE.svg", help="errors over the flight of the first seed"
+    )
     p.add_argument("--quiet", action="store_true")
     add_option(p)
     a = p.parse_args()
     settings = CompareSettings(
-        a.scenario, a.vehicle, a.model, a.adapt, estimator=VisionEstimator if a.vision else Estimator
+        a.scenario,
+        a.vehicle,
+        a.model,
+        a.adapt,
+        estimator=VisionEstimator if a.vision else Estimator,
     )
     try:
         seeds = range(a.first, a.first + a.seeds)

@@ -54,7 +54,9 @@ class World:
     px4: bool
     keep: Path
 
-    def flight(self, leg: Leg, seed: int, model: str, *, adapt: bool = False, approaches: int = 1) -> Array:
+    def flight(
+        self, leg: Leg, seed: int, model: str, *, adapt: bool = False, approaches: int = 1
+    ) -> Array:
         """Mean squares (approaches, axes) [mm^2] and, in a last column, seconds of contact."""
         name = f"{leg.name}_{seed}_{Path(model).name}_{adapt}_{approaches}.npy"
         path = self.keep / name.lower()
@@ -66,7 +68,13 @@ class World:
         """Mean squares without offsets, in an approach of several (from 1) or in a single one."""
         several = 3 if approach else 1
         return np.asarray(
-            np.mean([self.flight(leg, s, "none", approaches=several)[max(approach - 1, 0)] for s in seeds], axis=0)
+            np.mean(
+                [
+                    self.flight(leg, s, "none", approaches=several)[max(approach - 1, 0)]
+                    for s in seeds
+                ],
+                axis=0,
+            )
         )
 
     def recorded(self, seed: int) -> Path:
@@ -85,7 +93,9 @@ class World:
             save_model(path, amended(base, self.vehicle, answer.adopted))
         return str(path)
 
-    def _fly(self, leg: Leg, seed: int, model: str, adapt: bool, approaches: int, record: Path | None) -> Array:
+    def _fly(
+        self, leg: Leg, seed: int, model: str, adapt: bool, approaches: int, record: Path | None
+    ) -> Array:
         once = build(self.scenario, self.vehicle, air=leg is not Leg.FREE)
         config = PipelineConfig(
             self.vehicle, choose(self.vehicle, model).model, offsets=leg in (Leg.ON, Leg.ADAPTED),
@@ -93,7 +103,9 @@ class World:
         )  # fmt: skip
         flight = simulated(self.vehicle, once.repeated(approaches), seed, px4=self.px4)
         pilot = Px4Pilot if self.px4 else ScriptedPilot
-        seen = fly_judged(flight, config, leg, approach_s=once.duration_s, record=record, pilot=pilot)
+        seen = fly_judged(
+            flight, config, leg, approach_s=once.duration_s, record=record, pilot=pilot
+        )
         return np.array([[*_squares(seen, k + 1), seen.touched_s] for k in range(approaches)])
 
 
@@ -116,14 +128,19 @@ def judged(
             rows = [world.flight(Leg.ON, s, model)[0] for s in judge]
         elif stage.startswith("adapted"):
             approach = int(stage[-1]) - 1
-            rows = [world.flight(Leg.ADAPTED, s, model, adapt=True, approaches=3)[approach] for s in judge]
+            rows = [
+                world.flight(Leg.ADAPTED, s, model, adapt=True, approaches=3)[approach]
+                for s in judge
+            ]
         else:
             count = 2 if stage == "two" else 1
             sets = [[*learn, *learn][i : i + count] for i in range(len(learn))]
             adapt = stage == "one adapted"
             leg = Leg.ADAPTED if adapt else Leg.ON
             rows = [
-                world.flight(leg, s, world.amended(kind, model, seeds), adapt=adapt)[0] for seeds in sets for s in judge
+                world.flight(leg, s, world.amended(kind, model, seeds), adapt=adapt)[0]
+                for seeds in sets
+                for s in judge
             ]
         out[stage] = np.mean(rows, axis=0)
     return out
@@ -131,13 +148,21 @@ def judged(
 
 def main() -> int:
     """Fly what is not kept, and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--world", nargs="+", default=["corner"], choices=("corner", "corner_cfd"))
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--px4", action="store_true", help="the manner of PX4 in place of ArduPilot's")
     p.add_argument("--declared", nargs="+", default=list(KINDS), choices=KINDS)
     p.add_argument("--stages", nargs="+", default=list(STAGES), choices=STAGES)
-    p.add_argument("--learn", nargs="+", type=int, default=[303, 304, 305], help="seeds of the recorded flights")
+    p.add_argument(
+        "--learn",
+        nargs="+",
+        type=int,
+        default=[303, 304, 305],
+        help="seeds of the recorded flights",
+    )
     p.add_argument("--judge", nargs="+", type=int, default=[301, 302, 306], help="seeds that judge")
     p.add_argument("--keep", type=Path, default=Path("corner_loop"))
     p.add_argument("--json", type=Path)
@@ -149,10 +174,14 @@ def main() -> int:
         folder.mkdir(parents=True, exist_ok=True)
         world = World(scenario, vehicle, a.px4, folder)
         off, free = (world.bare(leg, a.judge) for leg in (Leg.OFF, Leg.FREE))
-        print(f"sim:{scenario}, {vehicle.name}, {'PX4' if a.px4 else 'ArduPilot'} manner, simulated, RMS [mm]")
+        print(
+            f"sim:{scenario}, {vehicle.name}, {'PX4' if a.px4 else 'ArduPilot'} manner, simulated, RMS [mm]"
+        )
         print(f"{'':22}" + "".join(f"{axis:>18}" for axis in AXES) + "  touched")
         for name, e in (("offsets off", off), ("free air", free)):
-            print(f"{name:22}" + "".join(f"{np.sqrt(v):>18.1f}" for v in e[:-1]) + f"{e[-1]:>8.2f} s")
+            print(
+                f"{name:22}" + "".join(f"{np.sqrt(v):>18.1f}" for v in e[:-1]) + f"{e[-1]:>8.2f} s"
+            )
         found[scenario] = {}
         for kind in tqdm(a.declared, file=sys.stderr, disable=not sys.stderr.isatty()):
             results = judged(world, kind, a.learn, a.judge, a.stages)
@@ -160,10 +189,16 @@ def main() -> int:
             for stage, e in results.items():
                 approach = int(stage[-1]) if stage.startswith("adapted") else 0
                 beside = [world.bare(leg, a.judge, approach) for leg in (Leg.OFF, Leg.FREE)]
-                cells = "".join(_cell(*v) for v in zip(e[:-1], *(x[:-1] for x in beside), strict=True))
+                cells = "".join(
+                    _cell(*v) for v in zip(e[:-1], *(x[:-1] for x in beside), strict=True)
+                )
                 print(f"{kind:10} {stage:11}{cells}{e[-1]:>8.2f} s", flush=True)
     if a.json is not None:
-        a.json.write_text(json.dumps({"simulated": True, "learn": a.learn, "judge": a.judge, "squares_mm2": found}))
+        a.json.write_text(
+            json.dumps(
+                {"simulated": True, "learn": a.learn, "judge": a.judge, "squares_mm2": found}
+            )
+        )
     return 0
 
 

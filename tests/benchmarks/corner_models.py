@@ -26,7 +26,9 @@ def declared(kind: str, vehicle: Vehicle, folder: Path) -> str:
     if kind == "none":
         return kind
     base = models.load("corner_cfd" if kind == "corner_cfd" else None)
-    gain, nearer = {"mirrored": (-1.0, 1.0), "quarter": (0.25, 1.0), "other_fan": (1.5, 0.6)}.get(kind, (1.0, 1.0))
+    gain, nearer = {"mirrored": (-1.0, 1.0), "quarter": (0.25, 1.0), "other_fan": (1.5, 0.6)}.get(
+        kind, (1.0, 1.0)
+    )
     out = folder / f"{kind}_{vehicle.rotor_radius_m:g}"
     if not (out / "model.json").exists():
         save_model(out, scaled(base, vehicle, gain, nearer))

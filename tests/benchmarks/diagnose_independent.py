@@ -42,7 +42,9 @@ class Row:
 def main() -> int:
     args = _parser().parse_args()
     folder = args.keep or Path(tempfile.gettempdir()) / "diagnose-independent"
-    flown = make(folder, args.seed, args.only, lambda text: print(text, file=sys.stderr, flush=True))
+    flown = make(
+        folder, args.seed, args.only, lambda text: print(text, file=sys.stderr, flush=True)
+    )
     model = train(folder, args.method) if any(c.frame.table for c in flown) else None
     rows: list[Row] = []
     with ThreadPoolExecutor(args.jobs) as pool:
@@ -52,7 +54,9 @@ def main() -> int:
     print()
     print(summary(rows))
     every = [r.judgement for r in rows]
-    needed = [name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")]
+    needed = [
+        name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")
+    ]
     figures = [
         counted("right", (j.right for j in every), least=0.95),
         counted("needed effects named", needed, least=0.95),
@@ -67,15 +71,34 @@ def main() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument(
-        "--seed", type=int, nargs="+", default=[1], help=f"which sets of flights; from {HELD_OUT} on: held out"
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    p.add_argument("--only", nargs="*", default=[], metavar="TEXT", help="only flights whose name contains it")
-    p.add_argument("--keep", type=Path, metavar="DIR", help="where flights are kept (default: a temporary folder)")
-    p.add_argument("--method", default="ensemble", help="how the guarded quadrotor's declared model is trained")
+    p.add_argument(
+        "--seed",
+        type=int,
+        nargs="+",
+        default=[1],
+        help=f"which sets of flights; from {HELD_OUT} on: held out",
+    )
+    p.add_argument(
+        "--only", nargs="*", default=[], metavar="TEXT", help="only flights whose name contains it"
+    )
+    p.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="where flights are kept (default: a temporary folder)",
+    )
+    p.add_argument(
+        "--method", default="ensemble", help="how the guarded quadrotor's declared model is trained"
+    )
     p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
-    p.add_argument("--judge", action="store_true", help="judge answers that are there instead of diagnosing again")
+    p.add_argument(
+        "--judge",
+        action="store_true",
+        help="judge answers that are there instead of diagnosing again",
+    )
     p.add_argument("--timeout", type=float, default=300.0, metavar="S")
     p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
     add_option(p)
@@ -87,8 +110,19 @@ def train(folder: Path, method: str) -> Path:
     table = folder / "guarded.csv"
     out = folder / f"model-{method}-{crc32(table.read_bytes()):08x}"
     if not (out / "model.json").exists():
-        command = [sys.executable, "-m", "models", "train", "--data", str(table), "--method", method]
-        subprocess.run([*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment())
+        command = [
+            sys.executable,
+            "-m",
+            "models",
+            "train",
+            "--data",
+            str(table),
+            "--method",
+            method,
+        ]
+        subprocess.run(
+            [*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment()
+        )
     return out
 
 
@@ -108,19 +142,34 @@ def run_one(folder: Path, case: Case, model: Path | None, args: argparse.Namespa
     answer = json.loads(out.read_text()) if out.exists() and not complaint else None
     strange = {n for n, s in truth["sizes"].items() if s >= NEEDED and n.startswith("x_")}
     needed = tuple(sorted(needed_of(truth) | strange))
-    return Row(case.seed, case.name, case.group, time.perf_counter() - begun, needed, judge(truth, answer, complaint))
+    return Row(
+        case.seed,
+        case.name,
+        case.group,
+        time.perf_counter() - begun,
+        needed,
+        judge(truth, answer, complaint),
+    )
 
 
 def diagnose(command: list[str], timeout: float) -> str:
     """Run the command; what it complained of where it failed, else nothing."""
     try:
         done = subprocess.run(
-            command, cwd=REPO, env=_environment(), capture_output=True, text=True, timeout=timeout, check=False
+            command,
+            cwd=REPO,
+            env=_environment(),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return f"no answer in {timeout:g} s"
     if done.returncode:
-        return f"exit code {done.returncode}: {(done.stderr.strip().splitlines() or ['silent'])[-1]}"
+        return (
+            f"exit code {done.returncode}: {(done.stderr.strip().splitlines() or ['silent'])[-1]}"
+        )
     return ""
 
 
@@ -132,18 +181,27 @@ def line(row: Row) -> str:
     """One line of the table."""
     j = row.judgement
     mark = "ok " if j.exact else "ok~" if j.right else "BAD"
-    why = [f"wrong {', '.join(j.wrong)}"] * bool(j.wrong) + [f"missed {', '.join(j.missed)}"] * bool(j.missed)
+    why = [f"wrong {', '.join(j.wrong)}"] * bool(j.wrong) + [
+        f"missed {', '.join(j.missed)}"
+    ] * bool(j.missed)
     why += ["overclaimed"] * j.overclaimed
-    text = f"{mark} {row.seed}/{row.name:36s} needed {', '.join(row.needed) or 'nothing'} | {j.note}"
+    text = (
+        f"{mark} {row.seed}/{row.name:36s} needed {', '.join(row.needed) or 'nothing'} | {j.note}"
+    )
     return f"{text} | {'; '.join(why)}" if why else text
 
 
 def summary(rows: list[Row]) -> str:
     """The figures, with Wilson 95 % intervals."""
-    by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "unknown")}
+    by = {
+        g: [r.judgement for r in rows if r.group == g]
+        for g in ("null", "single", "pair", "unknown")
+    }
     every = [r.judgement for r in rows]
     held_out = any(r.seed >= HELD_OUT for r in rows)
-    needed = [name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")]
+    needed = [
+        name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")
+    ]
     lines = [
         f"{len(rows)} simulated flights (second simulator), {'held-out' if held_out else 'open'} seeds",
         f"flights answered right                    {share(j.right for j in every)}",
@@ -159,7 +217,9 @@ def summary(rows: list[Row]) -> str:
         f"flights overclaimed                       {share(j.overclaimed for j in every)}",
     ]
     times = sorted(r.seconds for r in rows)
-    return "\n".join([*lines, f"run time: median {times[len(times) // 2]:.1f} s, longest {times[-1]:.1f} s"])
+    return "\n".join(
+        [*lines, f"run time: median {times[len(times) // 2]:.1f} s, longest {times[-1]:.1f} s"]
+    )
 
 
 if __name__ == "__main__":

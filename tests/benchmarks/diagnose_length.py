@@ -37,7 +37,16 @@ class Row:
 
 def command(log: Path, answer: Path) -> list[str]:
     """The diagnosis as a user starts it."""
-    arguments = [str(log), "--vehicle", str(QUAD), "--model", "none", "--json", str(answer), "--quiet"]
+    arguments = [
+        str(log),
+        "--vehicle",
+        str(QUAD),
+        "--model",
+        "none",
+        "--json",
+        str(answer),
+        "--quiet",
+    ]
     return [sys.executable, "-m", "replay", "diagnose", *arguments]
 
 
@@ -48,7 +57,9 @@ def measure(log: Path, minutes: float, answer: Path) -> Row:
     _, status, used = os.wait4(process.pid, 0)
     wall = time.perf_counter() - begun
     if status:
-        raise SystemExit(f"{log.name}: the diagnosis ended with {os.waitstatus_to_exitcode(status)}")
+        raise SystemExit(
+            f"{log.name}: the diagnosis ended with {os.waitstatus_to_exitcode(status)}"
+        )
     return Row(
         minutes,
         log.stat().st_size / 2**20,
@@ -61,11 +72,22 @@ def measure(log: Path, minutes: float, answer: Path) -> Row:
 
 def main() -> int:
     """Write, diagnose, print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--minutes", type=float, nargs="+", default=[3.0, 15.0, 60.0])
-    p.add_argument("--mass", type=float, default=3.3, help="true mass [kg]; the vehicle file says 3.0")
-    p.add_argument("--profile", type=Path, metavar="FILE", help="profile the longest in this process instead (pstats)")
-    p.add_argument("--keep", type=Path, metavar="DIR", help="keep the logs here (default: a temporary folder)")
+    p.add_argument(
+        "--mass", type=float, default=3.3, help="true mass [kg]; the vehicle file says 3.0"
+    )
+    p.add_argument(
+        "--profile",
+        type=Path,
+        metavar="FILE",
+        help="profile the longest in this process instead (pstats)",
+    )
+    p.add_argument(
+        "--keep", type=Path, metavar="DIR", help="keep the logs here (default: a temporary folder)"
+    )
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     a = p.parse_args()
     rows = []

@@ -106,11 +106,15 @@ def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
     pitch = -accel[:, 0] / 9.8 + np.radians(0.3) * coloured(rng, n, 1.0, step)
     roll = accel[:, 1] / 9.8 + np.radians(0.3) * coloured(rng, n, 1.0, step)
     euler = zip(roll, pitch, yaw, strict=True)
-    rotation = np.stack([rotation_from_quaternion(quaternion_from_euler(*angles)) for angles in euler])
+    rotation = np.stack(
+        [rotation_from_quaternion(quaternion_from_euler(*angles)) for angles in euler]
+    )
     force = np.einsum("nji,nj->ni", rotation, accel - np.array([0.0, 0.0, 9.80665]))
     hover = 4000.0 * np.sqrt(np.linalg.norm(force, axis=1) / 9.80665)
     rotors = len(vehicle.rotors)
-    rpm = hover[:, None] * (1.0 + 0.004 * np.stack([coloured(rng, n, 0.5, step) for _ in range(rotors)], axis=1))
+    rpm = hover[:, None] * (
+        1.0 + 0.004 * np.stack([coloured(rng, n, 0.5, step) for _ in range(rotors)], axis=1)
+    )
     servo = np.full((n, 16), np.nan)
     for channel in range(8):
         servo[:, channel] = 1500.0 + 20.0 * coloured(rng, n, 0.7, step)
@@ -153,7 +157,9 @@ def with_effect(record: Record, seed: int) -> tuple[Record, str]:
         if effect.name == "air_density":
             # The weather tells its size: air is as thin as pressure and temperature say.
             record = _thinner(record, share)
-            return replace(record, residual=record.residual + effect.wrench(record.context, {"gain": 1.0})), effect.name
+            return replace(
+                record, residual=record.residual + effect.wrench(record.context, {"gain": 1.0})
+            ), effect.name
         grid = effect.shape_grid(record.context)
         if effect.lacking(record.context) is not None or not grid:
             continue
@@ -166,10 +172,14 @@ def with_effect(record: Record, seed: int) -> tuple[Record, str]:
         bias = record.kinematic_bias
         if effect.kinematic_bias is not None:
             bias = bias + effect.kinematic_bias(record.context, shape) @ coefficients
-        return replace(record, residual=record.residual + x @ coefficients, kinematic_bias=bias), effect.name
+        return replace(
+            record, residual=record.residual + x @ coefficients, kinematic_bias=bias
+        ), effect.name
 
 
-def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: np.random.Generator) -> Array | None:
+def _coefficients(
+    effect: Effect, x: Array, share: float, record: Record, rng: np.random.Generator
+) -> Array | None:
     """Coefficients with which an effect is a share of the weight; None where it may not have them."""
     centre = np.array([_centre(effect, c, record, rng) for c in effect.coefficients])
     vehicle = record.context.vehicle
@@ -181,7 +191,10 @@ def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: n
     out: Array = share / size * centre
     return (
         out
-        if all(c.least(record.context) <= v <= c.high for c, v in zip(effect.coefficients, out, strict=True))
+        if all(
+            c.least(record.context) <= v <= c.most(record.context)
+            for c, v in zip(effect.coefficients, out, strict=True)
+        )
         else None
     )
 
@@ -194,11 +207,13 @@ def _thinner(record: Record, share: float) -> Record:
     return replace(record, context=replace(context, state=state), channels=channels)
 
 
-def _centre(effect: Effect, coefficient: Coefficient, record: Record, rng: np.random.Generator) -> float:
+def _centre(
+    effect: Effect, coefficient: Coefficient, record: Record, rng: np.random.Generator
+) -> float:
     """A coefficient before scaling: what makes the effect what it is, by a sign it may have; no side terms."""
     if effect.main and coefficient.name not in effect.main:
         return 0.0
-    low, high = coefficient.least(record.context), coefficient.high
+    low, high = coefficient.least(record.context), coefficient.most(record.context)
     if low > 0.0:
         return low
     wide = high if high > -low else low
@@ -221,12 +236,16 @@ def interval(hits: int, trials: int) -> str:
     """A share with its 95 % interval (Wilson)."""
     z, p = 1.96, hits / max(trials, 1)
     middle = (p + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials)) / (1 + z * z / trials)
+    half = (
+        z * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials)) / (1 + z * z / trials)
+    )
     return f"{hits}/{trials} = {p:.3f} [{max(middle - half, 0.0):.3f}, {middle + half:.3f}]"
 
 
 def main() -> int:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--records", type=int, default=400)
     p.add_argument("--seconds", type=float, default=180.0)
     p.add_argument("--first-seed", type=int, default=0)
@@ -252,7 +271,9 @@ def main() -> int:
             beyond = sum(len(o.beyond_aliases) for o in rows)
             print(f"{'':10s} false among the named {interval(false, max(named, 1))}")
             print(f"{'':10s} of them, not an alias that was said {interval(beyond, max(named, 1))}")
-            print(f"{'':10s} true effect named {interval(sum(o.true in o.named for o in rows), len(rows))}")
+            print(
+                f"{'':10s} true effect named {interval(sum(o.true in o.named for o in rows), len(rows))}"
+            )
         else:
             silent = sum(o.verdict != "nothing_missing" for o in rows)
             print(f"{'':10s} not answered nothing_missing {interval(silent, len(rows))}")

@@ -56,19 +56,27 @@ def main() -> int:
         model = train(folder, args.method)
         tag = "" if args.round == [number] else f"{number}/"
         with ThreadPoolExecutor(args.jobs) as pool:
-            futures = [pool.submit(run_one, folder, model, name, t, args.timeout) for name, t in truth.items()]
+            futures = [
+                pool.submit(run_one, folder, model, name, t, args.timeout)
+                for name, t in truth.items()
+            ]
             for future in futures:
                 row = future.result()
                 rows.append(replace(row, name=tag + row.name))
                 print(line(rows[-1]), flush=True)
     print()
     print(summary(rows, held_out=any(n >= HELD_OUT_ROUND for n in args.round)))
-    by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "unlisted", "bad")}
+    by = {
+        g: [r.judgement for r in rows if r.group == g]
+        for g in ("null", "single", "pair", "unlisted", "bad")
+    }
     effects = by["single"] + by["pair"]
     figures = [
         counted("named right", (j.right for j in effects), least=0.95),
         counted("a wrong name", (bool(j.wrong_names) for j in effects), most=0.03),
-        counted("false alarms on flights that lack nothing", (not j.right for j in by["null"]), most=0.0),
+        counted(
+            "false alarms on flights that lack nothing", (not j.right for j in by["null"]), most=0.0
+        ),
         counted("forces outside the catalogue, right", (j.right for j in by["unlisted"])),
         counted("bad input, right", (j.right for j in by["bad"])),
     ]
@@ -83,14 +91,31 @@ def main() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument(
-        "--round", type=int, nargs="+", default=[1], help=f"sets of seeds; from {HELD_OUT_ROUND} on: held out"
+        "--round",
+        type=int,
+        nargs="+",
+        default=[1],
+        help=f"sets of seeds; from {HELD_OUT_ROUND} on: held out",
     )
     p.add_argument("--only", nargs="*", default=[], metavar="NAME", help="only these flights")
-    p.add_argument("--group", nargs="*", default=[], help="only null, single, pair, unlisted or bad flights")
-    p.add_argument("--keep", type=Path, metavar="DIR", help="where flights are kept (default: a temporary folder)")
-    p.add_argument("--method", default="ensemble", help="how the declared model is trained on the flights' table")
+    p.add_argument(
+        "--group", nargs="*", default=[], help="only null, single, pair, unlisted or bad flights"
+    )
+    p.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="where flights are kept (default: a temporary folder)",
+    )
+    p.add_argument(
+        "--method",
+        default="ensemble",
+        help="how the declared model is trained on the flights' table",
+    )
     p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
     p.add_argument("--timeout", type=float, default=180.0, metavar="S")
     p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
@@ -104,8 +129,19 @@ def train(folder: Path, method: str) -> Path:
     table = (folder / "table.csv").read_bytes()
     out = folder.parent / f"model-{method}-{crc32(table):08x}"
     if not (out / "model.json").exists():
-        command = [sys.executable, "-m", "models", "train", "--data", str(folder / "table.csv"), "--method", method]
-        subprocess.run([*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment())
+        command = [
+            sys.executable,
+            "-m",
+            "models",
+            "train",
+            "--data",
+            str(folder / "table.csv"),
+            "--method",
+            method,
+        ]
+        subprocess.run(
+            [*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment()
+        )
     return out
 
 
@@ -134,7 +170,12 @@ def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout
         note = f"{verdict.note}: {complaint.splitlines()[-1] if complaint else 'silent'}"
         crashed = "Traceback" in complaint
         verdict = Judgement(
-            verdict.right and not crashed, verdict.exact and not crashed, (), (), note, verdict.rms_ratio
+            verdict.right and not crashed,
+            verdict.exact and not crashed,
+            (),
+            (),
+            note,
+            verdict.rms_ratio,
         )
     return Row(name, truth["group"], seconds, verdict, truth["size_of_weight"])
 
@@ -156,9 +197,14 @@ def line(row: Row) -> str:
 
 def summary(rows: list[Row], *, held_out: bool) -> str:
     """The figures, with Wilson 95 % intervals."""
-    by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "unlisted", "bad")}
+    by = {
+        g: [r.judgement for r in rows if r.group == g]
+        for g in ("null", "single", "pair", "unlisted", "bad")
+    }
     effects = by["single"] + by["pair"]
-    visible = [r.judgement for r in rows if r.group in ("single", "pair") and r.size_of_weight >= GOAL_SIZE]
+    visible = [
+        r.judgement for r in rows if r.group in ("single", "pair") and r.size_of_weight >= GOAL_SIZE
+    ]
     ratios = [j.rms_ratio for j in effects if j.right and j.rms_ratio == j.rms_ratio]
     blank = [j.rms_ratio for j in by["null"] if j.rms_ratio == j.rms_ratio]
     times = [r.seconds for r in rows]
@@ -180,9 +226,13 @@ def summary(rows: list[Row], *, held_out: bool) -> str:
     if ratios:
         lines.append(f"  median ratio {statistics.median(ratios):.3f}, worst {max(ratios):.2f}")
     if blank:
-        lines.append(f"  the same ratio on nulls (should be 1): median {statistics.median(blank):.3f}")
+        lines.append(
+            f"  the same ratio on nulls (should be 1): median {statistics.median(blank):.3f}"
+        )
     if times:
-        lines.append(f"run time: median {statistics.median(times):.1f} s, longest {max(times):.1f} s")
+        lines.append(
+            f"run time: median {statistics.median(times):.1f} s, longest {max(times):.1f} s"
+        )
     return "\n".join(lines)
 
 

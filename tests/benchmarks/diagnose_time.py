@@ -108,7 +108,9 @@ def measure(job: Job, answer: Path) -> Row:
         wall_s=wall,
         peak_mib=used.ru_maxrss / 1024.0,
         exit=process.returncode,
-        left_out=tuple(content.get("left_out", ())),
+        left_out=tuple(
+            n for n in content.get("notes", ()) if n.startswith("left out of the search")
+        ),
     )
 
 
@@ -145,10 +147,20 @@ def changed(old: Any, new: Any) -> Iterator[str]:
 
 def main() -> int:
     """Measure every log; the slowest first in the table."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG")
-    p.add_argument("--data", nargs="+", type=Path, default=[DATA], metavar="DIR", help=f"default: {DATA}")
-    p.add_argument("--flight", nargs="*", default=[], metavar="NAME", help="only these flights (the log's name)")
+    p.add_argument(
+        "--data", nargs="+", type=Path, default=[DATA], metavar="DIR", help=f"default: {DATA}"
+    )
+    p.add_argument(
+        "--flight",
+        nargs="*",
+        default=[],
+        metavar="NAME",
+        help="only these flights (the log's name)",
+    )
     p.add_argument("--json", type=Path, metavar="FILE")
     p.add_argument("--answers", type=Path, metavar="DIR")
     p.add_argument("--against", type=Path, metavar="DIR")
@@ -191,12 +203,16 @@ def print_table(rows: Sequence[Row]) -> None:
     """A line a log, and how many take too long."""
     print(f"{'CPU s':>7}{'wall s':>8}{'judged s':>10}{'MB':>7}{'MiB':>7}{'exit':>6}  log")
     for r in rows:
-        numbers = f"{r.cpu_s:7.1f}{r.wall_s:8.1f}{r.judged_s:10.1f}{r.mb:7.1f}{r.peak_mib:7.0f}{r.exit:6}"
+        numbers = (
+            f"{r.cpu_s:7.1f}{r.wall_s:8.1f}{r.judged_s:10.1f}{r.mb:7.1f}{r.peak_mib:7.0f}{r.exit:6}"
+        )
         print(f"{numbers}  {r.name}{'  left out: ' if r.left_out else ''}{'; '.join(r.left_out)}")
     if rows:
         slow = sum(r.cpu_s > GOAL_S for r in rows)
         median = statistics.median(r.cpu_s for r in rows)
-        print(f"{slow} of {len(rows)} take more than {GOAL_S:g} s of a processor; median {median:.1f} s")
+        print(
+            f"{slow} of {len(rows)} take more than {GOAL_S:g} s of a processor; median {median:.1f} s"
+        )
 
 
 if __name__ == "__main__":

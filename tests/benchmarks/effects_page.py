@@ -61,14 +61,20 @@ def flight() -> Context:
 
     fans, rotors, radius = len(vehicle.fans), len(vehicle.rotors), vehicle.rotor_radius_m
     yaw = swing(0.0, 2.0, 90.0)
-    velocity = np.stack([swing(-3.0, 3.0, 23.0), swing(-3.0, 3.0, 31.0), swing(-1.5, 1.5, 17.0)], axis=1)
+    velocity = np.stack(
+        [swing(-3.0, 3.0, 23.0), swing(-3.0, 3.0, 31.0), swing(-1.5, 1.5, 17.0)], axis=1
+    )
     state = blank_state((len(t),), fans, rotors)
     filled = {
         "time_s": t,
         "velocity_ned": velocity,
         "position_ned": np.cumsum(velocity, axis=0) * STEP_S,
-        "rotation": np.array([rotation_from_quaternion(quaternion_from_euler(0.0, 0.0, float(y))) for y in yaw]),
-        "rates": np.stack([swing(-0.5, 0.5, 7.0), swing(-0.5, 0.5, 9.0), np.gradient(yaw, STEP_S)], axis=1),
+        "rotation": np.array(
+            [rotation_from_quaternion(quaternion_from_euler(0.0, 0.0, float(y))) for y in yaw]
+        ),
+        "rates": np.stack(
+            [swing(-0.5, 0.5, 7.0), swing(-0.5, 0.5, 9.0), np.gradient(yaw, STEP_S)], axis=1
+        ),
         "specific_force": np.tile([0.0, 0.0, -9.81], (len(t), 1)),
         "h_m": each(swing(0.6 * radius, 6.0 * radius, 41.0), fans),
         "d_m": each(swing(0.3 * radius, 6.0 * radius, 29.0), fans),
@@ -111,7 +117,9 @@ def draw(effects: list[Effect], ctx: Context) -> None:
     import matplotlib.pyplot as plt
 
     rows = math.ceil(len(effects) / COLUMNS)
-    figure, axes = plt.subplots(rows, COLUMNS, figsize=(3.0 * COLUMNS, 2.1 * rows), layout="constrained")
+    figure, axes = plt.subplots(
+        rows, COLUMNS, figsize=(3.0 * COLUMNS, 2.1 * rows), layout="constrained"
+    )
     for panel, effect in zip(axes.flat, effects, strict=False):
         label, force_label, x, y = curve(effect, ctx)
         panel.set_title(effect.name, fontsize=8, fontweight="bold")
@@ -133,7 +141,11 @@ def section(effect: Effect) -> str:
     """What the catalogue says of one effect; its file's docstring says where it is valid, and its source."""
     about = inspect.getdoc(import_module(f"models.effects.{effect.name}")) or ""
     valid, source = " ".join(about.split("\n\nValid: ")[1].split()).split(" Source: ")
-    flown = "" if effect.in_flight.use is InFlight.WRENCH else f" In flight: {effect.in_flight.use.value}."
+    flown = (
+        ""
+        if effect.in_flight.use is InFlight.WRENCH
+        else f" In flight: {effect.in_flight.use.value}."
+    )
     lines = [
         f"## {effect.name}\n",
         f"- Equation: `{effect.equation}`",
@@ -142,8 +154,13 @@ def section(effect: Effect) -> str:
         f"- Axes: {', '.join(effect.axes)}. Needs: {', '.join(f'`{c}`' for c in effect.channels) or 'nothing more'}.",
         f"- To show it: {effect.excite}.",
     ]
+    if effect.shown.quantities:
+        said = ", ".join(f"`{q.name}` for `{q.instead_of}`" for q in effect.shown.quantities)
+        lines.append(f"- Said in an answer: {said}.")
     if effect.aliases:
-        lines.append(f"- Easily confused with: {', '.join(f'[{a}](#{a})' for a in effect.aliases)}.")
+        lines.append(
+            f"- Easily confused with: {', '.join(f'[{a}](#{a})' for a in effect.aliases)}."
+        )
     return "\n".join([*lines, f"- Source: {source}", ""])
 
 

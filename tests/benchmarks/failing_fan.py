@@ -40,7 +40,9 @@ def named(log: Path, vehicle: Path) -> Sequence[LogFault]:
         faults = build_record(flown, chosen_vehicle(vehicle), None).faults
     except UserError as error:
         # A flight that is too short still says which motor failed.
-        return [LogFault("", str(error), since_s=np.nan, motors=(0,))] if "motor" in str(error) else []
+        return (
+            [LogFault("", str(error), since_s=np.nan, motors=(0,))] if "motor" in str(error) else []
+        )
     return [fault for fault in faults if fault.motors]
 
 
@@ -71,7 +73,9 @@ def wilson(right: int, count: int) -> tuple[float, float]:
 
 def main() -> int:
     """As the docstring says."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--each", type=int, default=6)
@@ -88,13 +92,18 @@ def main() -> int:
         counts.setdefault((happened["kind"], signal), Counter())[answer] += 1
         if answer != "right":
             said = "; ".join(fault.what for fault in faults) or "nothing"
-            print(f"{answer}: {name} ({happened['frame']}, motors {happened['motors']}): {said}", file=sys.stderr)
+            print(
+                f"{answer}: {name} ({happened['frame']}, motors {happened['motors']}): {said}",
+                file=sys.stderr,
+            )
     print(f"{'kind':12s} {'signal':8s} " + " ".join(f"{answer:>7s}" for answer in ANSWERS))
     for (kind, signal), each in sorted(counts.items()):
         print(f"{kind:12s} {signal:8s} " + " ".join(f"{each[answer]:7d}" for answer in ANSWERS))
     for what, kinds in (("a motor fails", cases.FAILURES), ("none fails", cases.OTHERS)):
         for signal in ("outputs", "speeds"):
-            total = sum((each for (k, s), each in counts.items() if k in kinds and s == signal), Counter())
+            total = sum(
+                (each for (k, s), each in counts.items() if k in kinds and s == signal), Counter()
+            )
             count = sum(total.values())
             if count:
                 low, high = wilson(total["right"], count)

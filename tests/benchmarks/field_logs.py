@@ -24,7 +24,10 @@ def main() -> int:
     table, clone, out = (Path(a) for a in sys.argv[1:])
     origin = tomllib.loads(table.read_text(encoding="utf-8")).get("origin")
     if origin is None or "logs" not in origin:
-        print(f"{table}: no [origin.logs]; its logs are made by a converter of their own", file=sys.stderr)
+        print(
+            f"{table}: no [origin.logs]; its logs are made by a converter of their own",
+            file=sys.stderr,
+        )
         return 2
     out.mkdir(parents=True, exist_ok=True)
     for name, path in origin["logs"].items():

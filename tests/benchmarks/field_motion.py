@@ -51,7 +51,9 @@ def _frames(motion: Motion) -> Iterator[tuple[float, bytes]]:
         out += [
             mav.MAVLink_attitude_quaternion_message(ms, *motion.quaternion[i], *motion.rates[i]),
             mav.MAVLink_local_position_ned_message(ms, *motion.position[i], *motion.velocity[i]),
-            mav.MAVLink_highres_imu_message(us, *motion.force[i], *motion.rates[i], 0, 0, 0, 0, 0, 0, 0, 63),
+            mav.MAVLink_highres_imu_message(
+                us, *motion.force[i], *motion.rates[i], 0, 0, 0, 0, 0, 0, 0, 63
+            ),
             mav.MAVLink_servo_output_raw_message(us, 0, *outputs, *[0] * (8 - len(outputs))),
         ]
         for message in out:
@@ -67,14 +69,25 @@ def throttle(max_thrust_n: float, expo: float, voltage_v: float) -> dict[str, fl
 
 def vehicle_toml(keys: Mapping[str, Any]) -> str:
     """A vehicle file of ``keys``: numbers, texts and lists first, then tables, then lists of tables."""
-    plain = [f"{k} = {_value(v)}" for k, v in keys.items() if not isinstance(v, Mapping) and not _tables(v)]
+    plain = [
+        f"{k} = {_value(v)}"
+        for k, v in keys.items()
+        if not isinstance(v, Mapping) and not _tables(v)
+    ]
     tables = [f"\n[{k}]\n" + vehicle_toml(v) for k, v in keys.items() if isinstance(v, Mapping)]
-    lists = [f"\n[[{k}]]\n" + vehicle_toml(item) for k, v in keys.items() if _tables(v) for item in v]
+    lists = [
+        f"\n[[{k}]]\n" + vehicle_toml(item) for k, v in keys.items() if _tables(v) for item in v
+    ]
     return "\n".join(plain) + "\n" + "".join(lists + tables)
 
 
 def _tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and isinstance(value[0], Mapping) and "spin" not in value[0]
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and isinstance(value[0], Mapping)
+        and "spin" not in value[0]
+    )
 
 
 def _value(value: Any) -> str:

@@ -38,7 +38,9 @@ SLOW_LOOP = {"ATC_ANG_RLL_P": 2.25, "ATC_ANG_PIT_P": 2.25, "ATC_INPUT_TC": 0.3}
 BODY_OFFSET_NED = 9
 
 
-def to_the_wall(p: CasePilot, wall_m: float, gap_m: float = NEAR_M, height_m: float = 1.0) -> Iterator[float]:
+def to_the_wall(
+    p: CasePilot, wall_m: float, gap_m: float = NEAR_M, height_m: float = 1.0
+) -> Iterator[float]:
     """Under the companion's hand to ``gap_m`` from the wall, slowly."""
     steps = 24
     for k in range(1, steps + 1):
@@ -94,7 +96,9 @@ def hold_then(act: str, *arguments: float, seconds: float = 8.0, gap_m: float | 
             yield from to_the_wall(p, WALL_M, gap_m)
         else:
             yield 9.0  # what was asked for at the start has been answered long ago
-        yield from p.until_phase(0.83)  # a stall then begins shortly before a heartbeat, as in the flight that fell
+        yield from p.until_phase(
+            0.83
+        )  # a stall then begins shortly before a heartbeat, as in the flight that fell
         p.judge()
         getattr(p.world, act)(*arguments)
         yield seconds
@@ -265,7 +269,9 @@ CASES = (
 )  # fmt: skip
 
 
-def fly_one(name: str, seed: int, vehicle: Path | None, record: Path | None, adapt: Adapt = Adapt.OFF) -> Outcome:
+def fly_one(
+    name: str, seed: int, vehicle: Path | None, record: Path | None, adapt: Adapt = Adapt.OFF
+) -> Outcome:
     """One case with the shipped quadrotor or another file, in free-air rotors (``--model none``)."""
     case = next(c for c in CASES if c.name == name)
     declared = load_vehicle(vehicle or QUAD)
@@ -289,16 +295,29 @@ HEAD = f"{'case':27}{'loss m':>8}{'rise m':>8}{'off m':>8}{'tilt °':>8}{'m/s':>
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("names", nargs="*", metavar="NAME", help="cases to fly (default: all); a part of a name is enough")
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="cases to fly (default: all); a part of a name is enough",
+    )
     p.add_argument("--list", action="store_true", help="say what the cases are")
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--vehicle", type=Path, help="vehicle file (default: the shipped quadrotor)")
-    p.add_argument("--record", type=Path, metavar="DIR", help="keep a .tlog and the truth of each case here")
-    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt")
+    p.add_argument(
+        "--record", type=Path, metavar="DIR", help="keep a .tlog and the truth of each case here"
+    )
+    p.add_argument(
+        "--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt"
+    )
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     p.add_argument("--json", metavar="FILE", help="- for stdout")
-    p.add_argument("--compare", type=Path, metavar="OLD.json", help="print these earlier outcomes above each")
+    p.add_argument(
+        "--compare", type=Path, metavar="OLD.json", help="print these earlier outcomes above each"
+    )
     a = p.parse_args()
     names = [c.name for c in CASES if not a.names or any(part in c.name for part in a.names)]
     if a.list or not names:
@@ -314,7 +333,12 @@ def main() -> int:
     except UserError as error:
         print(f"firmware_cases: {error}", file=sys.stderr)
         return error.exit_code
-    found = {"simulated": True, "lockstep": True, "seed": a.seed, "cases": [o.as_json() for o in outcomes]}
+    found = {
+        "simulated": True,
+        "lockstep": True,
+        "seed": a.seed,
+        "cases": [o.as_json() for o in outcomes],
+    }
     text = json.dumps(found, indent=1)
     if a.json not in (None, "-"):
         Path(a.json).write_text(text + "\n", encoding="utf-8")

@@ -38,7 +38,13 @@ SPEED_M_S, TARGETS_HZ = 0.3, 25.0
 STALL_S = 3.0
 AFTER_S, SETTLED_S = 8.0, 3.0
 """After something has happened the vehicle is watched so long; at the end of a ramp it rests in the last part of it."""
-SLOW_LOOP = {"ATC_ANG_RLL_P": 2.25, "ATC_ANG_PIT_P": 2.25, "ATC_INPUT_TC": 0.3, "MC_ROLL_P": 3.0, "MC_PITCH_P": 3.0}
+SLOW_LOOP = {
+    "ATC_ANG_RLL_P": 2.25,
+    "ATC_ANG_PIT_P": 2.25,
+    "ATC_INPUT_TC": 0.3,
+    "MC_ROLL_P": 3.0,
+    "MC_PITCH_P": 3.0,
+}
 SLOW_POSITION_HZ = 10.0
 ARRIVED_M = 0.03
 STEADY_RATIO = 0.9985
@@ -164,9 +170,13 @@ def measure(truth: Sequence[Moment], marks: dict[str, float]) -> dict[str, float
     out: dict[str, float] = {}
     for name, t in marks.items():
         if "ramp" in name:
-            rest = statistics.median(m.north for m in between(truth, t + AFTER_S - SETTLED_S, SETTLED_S))
+            rest = statistics.median(
+                m.north for m in between(truth, t + AFTER_S - SETTLED_S, SETTLED_S)
+            )
             sign = -1.0 if "free" in name else 1.0
-            seen = [(m.time_s, sign * (m.north - rest)) for m in between(truth, t - 1.0, AFTER_S + 1.0)]
+            seen = [
+                (m.time_s, sign * (m.north - rest)) for m in between(truth, t - 1.0, AFTER_S + 1.0)
+            ]
             out[f"{name}: overshoot"] = max(x for _, x in seen)
             out[f"{name}: seconds to {100 * ARRIVED_M:.0f} cm"] = max(
                 [x for x, off in seen if abs(off) > ARRIVED_M], default=t
@@ -184,7 +194,9 @@ def measure(truth: Sequence[Moment], marks: dict[str, float]) -> dict[str, float
             ((m.north - seen_[0].north) ** 2 + (m.east - seen_[0].east) ** 2) ** 0.5 for m in seen_
         )
     if (t := marks.get("ground range returns")) is not None:
-        before = statistics.median(m.height for m in between(truth, marks["ground range froze"] - 3.0, 3.0))
+        before = statistics.median(
+            m.height for m in between(truth, marks["ground range froze"] - 3.0, 3.0)
+        )
         after = statistics.median(m.height for m in between(truth, t + 2.5, 1.0))
         out["ground range froze: height wrong 3 s after"] = abs(after - before)
         worst = max(abs(m.height - before) for m in between(truth, t, AFTER_S))
@@ -200,8 +212,21 @@ def fly(firmware: str, name: str, seed: int, folder: Path) -> dict[str, Any]:
         parameters = {k: v for k, v in parameters.items() if not k.startswith("MC_")}
     else:
         parameters = {k: v for k, v in parameters.items() if k.startswith("MC_")}
-    out: dict[str, Any] = {"firmware": NAMES[firmware], "flight": name, "seed": seed, "commit": _commit()}
-    with Rig(firmware, os.environ[firmware], folder, parameters, seed=seed, position_hz=position_hz, rough=True) as rig:
+    out: dict[str, Any] = {
+        "firmware": NAMES[firmware],
+        "flight": name,
+        "seed": seed,
+        "commit": _commit(),
+    }
+    with Rig(
+        firmware,
+        os.environ[firmware],
+        folder,
+        parameters,
+        seed=seed,
+        position_hz=position_hz,
+        rough=True,
+    ) as rig:
         pilot = Pilot(rig)
         try:
             rig.take_off()
@@ -233,7 +258,10 @@ def table(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             groups.setdefault((f["firmware"], what), []).append((size, counts(f)))
     rows = []
     for (firmware, what), flown in groups.items():
-        sizes, everything = [size for size, good in flown if good] or [math.nan], [size for size, _ in flown]
+        sizes, everything = (
+            [size for size, good in flown if good] or [math.nan],
+            [size for size, _ in flown],
+        )
         unit = "s" if "seconds" in what or what == "contact s" else "" if what == NOT_KNOWN else "m"
         digits = 2 if unit == "s" else 3
         detail = f"median of {len(sizes)}, worst {max(sizes):.{digits}f}"
@@ -248,12 +276,18 @@ def table(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def main() -> int:
     """Fly, and print median and worst."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("flight", nargs="*", help=f"which of {', '.join(FLIGHTS)} (default: all)")
     p.add_argument("--first", type=int, default=1, help="first seed")
     p.add_argument("--flights", type=int, default=10, help="flights of each kind")
-    p.add_argument("--json", type=Path, metavar="FILE", help="every flight; those in it are not flown again")
-    p.add_argument("--record", type=Path, metavar="DIR", help="keep recordings, truth and words here")
+    p.add_argument(
+        "--json", type=Path, metavar="FILE", help="every flight; those in it are not flown again"
+    )
+    p.add_argument(
+        "--record", type=Path, metavar="DIR", help="keep recordings, truth and words here"
+    )
     add_option(p)
     a = p.parse_args()
     if unknown := set(a.flight) - set(FLIGHTS):
@@ -273,14 +307,19 @@ def main() -> int:
                     folder.mkdir(parents=True, exist_ok=True)
                     found = fly(firmware, name, seed, folder)
                 flights.append(found)
-                print(json.dumps({k: v for k, v in found.items() if k not in ("texts", "marks")}), flush=True)
+                print(
+                    json.dumps({k: v for k, v in found.items() if k not in ("texts", "marks")}),
+                    flush=True,
+                )
                 if a.json:
                     a.json.write_text(json.dumps(flights, indent=1) + "\n", encoding="utf-8")
     rows = table(flights)
     for row in rows:
         print(f"{row['what']:75} {row['value']:>9}  {row['detail']:60} {row.get('goal', '')}")
     ended = sum("failed" in f for f in flights)
-    print(f"{sum(map(counts, flights))} of {len(flights)} flights count; {ended} did not fly to the end")
+    print(
+        f"{sum(map(counts, flights))} of {len(flights)} flights count; {ended} did not fly to the end"
+    )
     seeds = f"{a.first} to {a.first + a.flights - 1}"
     stated = [r for r in rows if "goal" in r or "attached" in r["what"]]
     write_result(a, stated, seeds=seeds, simulated=True)

@@ -15,9 +15,18 @@ from stated import Statement, statement
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 ALIAS_CLASSES: tuple[tuple[frozenset[str], str], ...] = (
-    (frozenset({"payload", "thrust_scale", "air_density"}), "IMU and rpm see only the ratio of thrust to mass"),
-    (frozenset({"battery_sag", "thermal_derating"}), "one flight empties the pack and heats the motors together"),
-    (frozenset({"rotor_drag", "body_drag"}), "linear and quadratic drag differ only over a wide range of speeds"),
+    (
+        frozenset({"payload", "thrust_scale", "air_density"}),
+        "IMU and rpm see only the ratio of thrust to mass",
+    ),
+    (
+        frozenset({"battery_sag", "thermal_derating"}),
+        "one flight empties the pack and heats the motors together",
+    ),
+    (
+        frozenset({"rotor_drag", "body_drag"}),
+        "linear and quadratic drag differ only over a wide range of speeds",
+    ),
 )
 """Pairs that one flight may not tell apart: a name from the true effect's class counts if ``aliases`` says both."""
 
@@ -51,14 +60,19 @@ class Judgement:
     statements: tuple[Statement, ...] = ()
 
 
-def judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any] | None, exit_code: int) -> Judgement:
+def judge(
+    name: str, truth: Mapping[str, Any], answer: Mapping[str, Any] | None, exit_code: int
+) -> Judgement:
     """Judge the JSON ``answer`` (None where the command failed) on flight ``name``."""
     if answer is None:
         fine = exit_code == 3 and name in REFUSABLE
         return Judgement(fine, fine, (), (), f"exit code {exit_code}", float("nan"))
     judged = _judge(name, truth, answer)
     return replace(
-        judged, statements=tuple(statement(e, e["name"] not in judged.wrong_names) for e in answer["effects"])
+        judged,
+        statements=tuple(
+            statement(e, e["name"] not in judged.wrong_names) for e in answer["effects"]
+        ),
     )
 
 
@@ -75,10 +89,14 @@ def _judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Ju
         right = not reported and verdict == "nothing_missing"
         return Judgement(right, right, tuple(sorted(reported)), (), note, ratio)
     if group == "unlisted":
-        named = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][:TOP_CHANNELS]
+        named = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][
+            :TOP_CHANNELS
+        ]
         found = any(_matches(c, wanted) for c in named for wanted in truth["channels"])
         right = verdict == "unexplained" and not reported and found
-        return Judgement(right, right, tuple(sorted(reported)), (), f"{note}; channels {named}", ratio)
+        return Judgement(
+            right, right, tuple(sorted(reported)), (), f"{note}; channels {named}", ratio
+        )
     if group == "bad":
         allowed = frozenset(truth["effects"]) | ALLOWED.get(name, frozenset())
         wrong = reported - allowed
@@ -106,13 +124,19 @@ def _judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Ju
             missed_names.add(effect)
     wrong = reported - used
     right = not wrong and not missed_names
-    return Judgement(right, right and exact, tuple(sorted(wrong)), tuple(sorted(missed_names)), note, ratio)
+    return Judgement(
+        right, right and exact, tuple(sorted(wrong)), tuple(sorted(missed_names)), note, ratio
+    )
 
 
 def rms_ratio(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> float:
     """RMS after over oracle RMS on the carrying axes, at the bandwidth whose RMS before agrees best with the answer."""
     axes = answer.get("axes", {})
-    use = [a for a in AXES if a in axes and axes[a].get("rms_before") and axes[a].get("rms_after") is not None]
+    use = [
+        a
+        for a in AXES
+        if a in axes and axes[a].get("rms_before") and axes[a].get("rms_after") is not None
+    ]
     carrying = [a for a in truth["axes_carrying_it"] or use if a in use]
     if not carrying:
         return float("nan")

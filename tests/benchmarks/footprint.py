@@ -31,10 +31,14 @@ time.sleep(3)
 """
 
 
-def first_heartbeat(command: list[str], server: socket.socket, environment: dict[str, str]) -> tuple[float, float]:
+def first_heartbeat(
+    command: list[str], server: socket.socket, environment: dict[str, str]
+) -> tuple[float, float]:
     """(seconds to the first datagram, resident MiB two seconds later) of one process."""
     start = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
+    )
     try:
         server.settimeout(30.0)
         server.recv(4096)
@@ -54,22 +58,39 @@ def first_heartbeat(command: list[str], server: socket.socket, environment: dict
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     add_option(parser)
     a = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server,
+    ):
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         environment |= {"PYTHONPYCACHEPREFIX": folder, "OMP_NUM_THREADS": "1"}
         server.bind(("127.0.0.1", 0))
         endpoint = f"udpout:127.0.0.1:{server.getsockname()[1]}"
-        ours = [sys.executable, "-m", "companion", "--vehicle", "tandem", "--connect", endpoint, "--quiet"]
+        ours = [
+            sys.executable,
+            "-m",
+            "companion",
+            "--vehicle",
+            "tandem",
+            "--connect",
+            endpoint,
+            "--quiet",
+        ]
         bare = [sys.executable, "-c", BARE, endpoint]
         rows = [
-            (first_heartbeat(ours, server, environment), first_heartbeat(bare, server, environment)) for _ in range(6)
+            (first_heartbeat(ours, server, environment), first_heartbeat(bare, server, environment))
+            for _ in range(6)
         ][1:]
     median = lambda values: sorted(values)[len(values) // 2]  # noqa: E731
     ready, bare_ready = median([o[0] for o, _ in rows]), median([b[0] for _, b in rows])
-    print(f"ready after {ready:.2f} s, bare numpy + mavutil {bare_ready:.2f} s, ratio {ready / bare_ready:.2f}")
+    print(
+        f"ready after {ready:.2f} s, bare numpy + mavutil {bare_ready:.2f} s, ratio {ready / bare_ready:.2f}"
+    )
     ours_mib, bare_mib = median([o[1] for o, _ in rows]), median([b[1] for _, b in rows])
     print(f"resident {ours_mib:.0f} MiB, bare {bare_mib:.0f} MiB")
     figures = [
@@ -81,7 +102,8 @@ def main() -> None:
     code = "import sys, models, companion.flight; models.load()\n"
     code += "print([m for m in ('torch', 'scipy') if m in sys.modules])"
     print(
-        "torch or scipy imported by flight:", subprocess.check_output([sys.executable, "-c", code], text=True).strip()
+        "torch or scipy imported by flight:",
+        subprocess.check_output([sys.executable, "-c", code], text=True).strip(),
     )
 
 

@@ -164,7 +164,9 @@ class Counts:
 
 def resident_mib() -> float:
     """Resident set of this process."""
-    line = next(s for s in Path("/proc/self/status").read_text().splitlines() if s.startswith("VmRSS"))
+    line = next(
+        s for s in Path("/proc/self/status").read_text().splitlines() if s.startswith("VmRSS")
+    )
     return int(line.split()[1]) / 1024.0
 
 
@@ -188,7 +190,9 @@ def sound_payloads(k: int) -> tuple[tuple[int, bytes], ...]:
         mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 9, 1, 0),
         mavlink.MAVLink_distance_sensor_message(ms, 3, 4000, 45 + k % 2, 0, 0, 25, 255),
         mavlink.MAVLink_distance_sensor_message(ms, 3, 4000, 60 + k % 2, 0, 1, 2, 255),
-        mavlink.MAVLink_esc_telemetry_1_to_4_message([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [k] * 4),
+        mavlink.MAVLink_esc_telemetry_1_to_4_message(
+            [20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [k] * 4
+        ),
         mavlink.MAVLink_local_position_ned_message(ms, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0),
         mavlink.MAVLink_attitude_target_message(ms, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5),
         mavlink.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -237,7 +241,10 @@ def decoder(number: int, limits: Limits) -> Counts:
     rng, counts = random.Random(f"decoder {limits.seed}"), Counts()
     while counts.inputs < number:
         counts.progress(counts.inputs, number, "decoder", limits.bars)
-        frames = [sound_flight(0), *(proper_frame(rng.choice(NUMBERS), rng) for _ in range(STREAM_FRAMES))]
+        frames = [
+            sound_flight(0),
+            *(proper_frame(rng.choice(NUMBERS), rng) for _ in range(STREAM_FRAMES)),
+        ]
         whole = counts.inputs // STREAM_FRAMES % 2 == 0
         data = b"".join(frames) if whole else damaged_stream(frames, rng)
         counts.inputs += STREAM_FRAMES
@@ -368,7 +375,9 @@ def records(number: int, limits: Limits, kind: LogKind) -> Counts:
         path = Path(folder) / f"f{kind.suffix}"
         while counts.inputs < number:
             counts.progress(counts.inputs, number, name, limits.bars)
-            data, hit = kind.mutated(rng, changed, lambda r, g: bytes(g.choice(RAW)(bytearray(r), g)))
+            data, hit = kind.mutated(
+                rng, changed, lambda r, g: bytes(g.choice(RAW)(bytearray(r), g))
+            )
             path.write_bytes(data)
             counts.inputs += hit
             counts.frames += 1
@@ -397,12 +406,21 @@ def as_text(name: str, c: Counts) -> str:
 
 def main() -> int:
     """Fuzz and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--frames", type=int, default=1_000_000, help="through the decoder")
-    p.add_argument("--flight-frames", type=int, default=1_000_000, help="through the flight program")
+    p.add_argument(
+        "--flight-frames", type=int, default=1_000_000, help="through the flight program"
+    )
     p.add_argument("--log-frames", type=int, default=1_000_000, help="through each log reader")
     p.add_argument("--files", type=int, default=300, help="damaged as a whole")
-    p.add_argument("--logs", type=Path, metavar="DIR", help="recorded logs as seeds, beside those that are made here")
+    p.add_argument(
+        "--logs",
+        type=Path,
+        metavar="DIR",
+        help="recorded logs as seeds, beside those that are made here",
+    )
     p.add_argument("--only", action="append", metavar="STAGE", help="this stage; may be repeated")
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--hang", type=float, default=10.0, metavar="S")
@@ -427,7 +445,9 @@ def main() -> int:
         limits.bars.close()
         print(f"{as_text(name, out[name])}; {time.monotonic() - started:.0f} s", flush=True)
     if a.json is not None:
-        a.json.write_text(json.dumps({k: vars(c) for k, c in out.items()}, indent=1) + "\n", encoding="utf-8")
+        a.json.write_text(
+            json.dumps({k: vars(c) for k, c in out.items()}, indent=1) + "\n", encoding="utf-8"
+        )
     failed = sum(len(c.failures) for c in out.values())
     figures = [
         figure("failures, hangs, growth of memory", f"{failed}", goal="0", met=not failed),

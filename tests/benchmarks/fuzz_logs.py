@@ -73,7 +73,9 @@ def bin_kind(data: bytes) -> LogKind:
             lengths[record[_BIN_HEAD]] = record[_BIN_HEAD + 1]
         (definitions if kind == _BIN_FMT else records).append(record)
         at += len(record)
-    return LogKind(".bin", b"", definitions, records, lambda r, p: r[:_BIN_HEAD] + p, lambda r: r[_BIN_HEAD:])
+    return LogKind(
+        ".bin", b"", definitions, records, lambda r, p: r[:_BIN_HEAD] + p, lambda r: r[_BIN_HEAD:]
+    )
 
 
 def ulg_kind(data: bytes) -> LogKind:
@@ -84,4 +86,6 @@ def ulg_kind(data: bytes) -> LogKind:
         record = data[at : at + 3 + size]
         (records if kind == ord("D") else definitions).append(record)
         at += len(record)
-    return LogKind(".ulg", data[:_ULG_HEAD], definitions, records, lambda r, p: r[:3] + p, lambda r: r[3:])
+    return LogKind(
+        ".ulg", data[:_ULG_HEAD], definitions, records, lambda r, p: r[:3] + p, lambda r: r[3:]
+    )

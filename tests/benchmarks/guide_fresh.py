@@ -38,20 +38,31 @@ write_data_set(here / "fan.csv", ClosedForm().data_set())
 def blocks(document: Path) -> list[str]:
     """Every line of the ``sh`` blocks."""
     found = re.findall(r"```sh\n(.*?)```", document.read_text(encoding="utf-8"), re.S)
-    return [line.strip() for block in found for line in block.replace("\\\n", " ").splitlines() if line.strip()]
+    return [
+        line.strip()
+        for block in found
+        for line in block.replace("\\\n", " ").splitlines()
+        if line.strip()
+    ]
 
 
 def main() -> int:
     """Run and print one line a command."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--guide", type=Path, default=ROOT / "docs" / "guide.md", help="another document")
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument(
+        "--guide", type=Path, default=ROOT / "docs" / "guide.md", help="another document"
+    )
     add_option(p)
     a = p.parse_args()
     with tempfile.TemporaryDirectory(prefix="fresh") as made:
         copy, here = Path(made) / "checkout", Path(made) / "empty"
         copy.mkdir()
         here.mkdir()
-        files = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
+        files = subprocess.run(
+            ["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True
+        ).stdout
         subprocess.run(["tar", "x"], cwd=copy, input=files, check=True)
         start = time.perf_counter()
         script = WRITE.format(tests=str(copy / "tests" / "benchmarks"), root=str(copy))
@@ -64,7 +75,9 @@ def main() -> int:
                 continue
             began = time.perf_counter()
             place = copy if "pip install" in line else here
-            done = subprocess.run(line, shell=True, cwd=place, env=environment, capture_output=True, text=True)
+            done = subprocess.run(
+                line, shell=True, cwd=place, env=environment, capture_output=True, text=True
+            )
             wall = time.perf_counter() - began
             failed += done.returncode != 0
             print(f"{done.returncode:3d} {wall:6.1f} s  {line}", flush=True)
@@ -75,7 +88,11 @@ def main() -> int:
                 print(f"first plot after {plotted:.0f} s", flush=True)
         print(f"{failed} commands failed")
     if plotted is not None:
-        write_result(a, [figure("from an empty environment to the first plot [s]", f"{plotted:.0f}")], seeds="none")
+        write_result(
+            a,
+            [figure("from an empty environment to the first plot [s]", f"{plotted:.0f}")],
+            seeds="none",
+        )
     return 1 if failed else 0
 
 

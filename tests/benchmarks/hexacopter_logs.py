@@ -88,7 +88,11 @@ def _average(x: Array) -> Array:
 
 def _vehicle() -> dict[str, Any]:
     fans = [
-        {"position_m": [x * ARM_M, y * ARM_M, 0.0], "lip_radius_m": RADIUS_M, "rotors": [{"servo": k, "spin": spin}]}
+        {
+            "position_m": [x * ARM_M, y * ARM_M, 0.0],
+            "lip_radius_m": RADIUS_M,
+            "rotors": [{"servo": k, "spin": spin}],
+        }
         for k, (x, y, spin) in enumerate(PLACES, 1)
     ]
     return {

@@ -105,9 +105,18 @@ def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity NED on the rounded path."""
     times, towards, heights = np.array(PATH).T
     sweep = np.linspace(t - ROUNDING_S / 2, t + ROUNDING_S / 2, 9)
-    north, up = float(np.mean(np.interp(sweep, times, towards))), float(np.mean(np.interp(sweep, times, heights)))
-    vn = float(np.interp(sweep[-1], times, towards) - np.interp(sweep[0], times, towards)) / ROUNDING_S
-    vu = float(np.interp(sweep[-1], times, heights) - np.interp(sweep[0], times, heights)) / ROUNDING_S
+    north, up = (
+        float(np.mean(np.interp(sweep, times, towards))),
+        float(np.mean(np.interp(sweep, times, heights))),
+    )
+    vn = (
+        float(np.interp(sweep[-1], times, towards) - np.interp(sweep[0], times, towards))
+        / ROUNDING_S
+    )
+    vu = (
+        float(np.interp(sweep[-1], times, heights) - np.interp(sweep[0], times, heights))
+        / ROUNDING_S
+    )
     return np.array([north, 0.0, -up]), np.array([vn, 0.0, -vu])
 
 
@@ -159,8 +168,13 @@ class Craft:
         if t < 5.0 and k % 10 == 0:
             out.append(AttitudeTarget(t, 1, 1, (1.0, 0.0, 0.0, 0.0), HOVER))
         if k % round(1.0 / DT / self.plant.position_hz) == 0:
-            noisy = self.position + 0.004 * self.rng.normal(size=3), self.velocity + 0.015 * self.rng.normal(size=3)
-            place = LocalPosition(t, 1, 1, tuple(noisy[0]), tuple(noisy[1]), late_s=self.plant.late_s)
+            noisy = (
+                self.position + 0.004 * self.rng.normal(size=3),
+                self.velocity + 0.015 * self.rng.normal(size=3),
+            )
+            place = LocalPosition(
+                t, 1, 1, tuple(noisy[0]), tuple(noisy[1]), late_s=self.plant.late_s
+            )
             self.waiting.append((t + self.plant.late_s, place))
         while self.waiting and self.waiting[0][0] <= t + 1e-9:
             out.append(self.waiting.popleft()[1])
@@ -178,7 +192,9 @@ def flown_with(gains: str) -> Iterator[None]:
     with ExitStack() as stack:
         if gains != "chosen":
             stack.enter_context(mock.patch.object(hold_plant, "_WANTED", any_margin))
-            stack.enter_context(mock.patch.multiple(refusals, _LEAST=any_margin, _LEAST_SHARE=0.0, _KEPT_SHARE=0.0))
+            stack.enter_context(
+                mock.patch.multiple(refusals, _LEAST=any_margin, _LEAST_SHARE=0.0, _KEPT_SHARE=0.0)
+            )
         if gains == "full":
             stack.enter_context(mock.patch.object(settle, "_SOFTER", 1.0))
             for module in (refusals, swing_detector):
@@ -206,7 +222,9 @@ def fly(plant: Plant, seed: int) -> Flown:
             if decision is not None and isinstance(decision.command, AttitudeCommand):
                 w, x, y, z = decision.command.q_ned_frd
                 roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-                craft.wanted = np.array([roll, math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))])
+                craft.wanted = np.array(
+                    [roll, math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))]
+                )
                 craft.wanted_thrust = decision.command.thrust
             last = decision or last
         if t > 7.0 and k % 10 == 0:
@@ -262,16 +280,38 @@ def as_line(plant: Plant, gains: str, m: dict[str, float], refused: bool) -> str
 def main() -> int:
     """Fly the grid and print it."""
     p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    p.add_argument("--speed", type=float, nargs="+", default=[0.5, 1.0, 2.0], help="of the attitude loop")
+    p.add_argument(
+        "--speed", type=float, nargs="+", default=[0.5, 1.0, 2.0], help="of the attitude loop"
+    )
     p.add_argument("--hz", type=float, nargs="+", default=[50.0, 10.0, 5.0], help="of positions")
-    p.add_argument("--late", type=float, nargs="+", default=[20.0, 80.0, 150.0], help="of positions [ms]")
-    p.add_argument("--slope", type=float, nargs="+", default=[1.0], help="of thrust about hover, over the believed one")
+    p.add_argument(
+        "--late", type=float, nargs="+", default=[20.0, 80.0, 150.0], help="of positions [ms]"
+    )
+    p.add_argument(
+        "--slope",
+        type=float,
+        nargs="+",
+        default=[1.0],
+        help="of thrust about hover, over the believed one",
+    )
     p.add_argument("--seeds", type=int, default=1)
-    p.add_argument("--full", action="store_true", help="the full gains as well, whatever their margin")
-    p.add_argument("--stiff", action="store_true", help="full gains that only the swing detector softens, as well")
+    p.add_argument(
+        "--full", action="store_true", help="the full gains as well, whatever their margin"
+    )
+    p.add_argument(
+        "--stiff",
+        action="store_true",
+        help="full gains that only the swing detector softens, as well",
+    )
     p.add_argument("--json", type=Path)
     a = p.parse_args()
-    plants = [Plant(s, hz, late / 1e3, k) for s in a.speed for hz in a.hz for late in a.late for k in a.slope]
+    plants = [
+        Plant(s, hz, late / 1e3, k)
+        for s in a.speed
+        for hz in a.hz
+        for late in a.late
+        for k in a.slope
+    ]
     ways = ["chosen", *(["full"] if a.full else []), *(["stiff"] if a.stiff else [])]
     jobs = [(plant, gains) for plant in plants for gains in ways]
     print("simulated; offsets off; RMS / peak in mm, level and height")
@@ -281,13 +321,30 @@ def main() -> int:
     for plant, gains in tqdm(jobs, file=sys.stderr, disable=not sys.stderr.isatty()):
         with flown_with(gains):
             flights = [fly(plant, seed) for seed in range(a.seeds)]
-        mean = {k: float(np.mean([asdict(f)[k] for f in flights])) for k in asdict(flights[0]) if k != "loop_from"}
-        mean["peak_mm"], mean["softened"] = max(f.peak_mm for f in flights), max(f.softened for f in flights)
+        mean = {
+            k: float(np.mean([asdict(f)[k] for f in flights]))
+            for k in asdict(flights[0])
+            if k != "loop_from"
+        }
+        mean["peak_mm"], mean["softened"] = (
+            max(f.peak_mm for f in flights),
+            max(f.softened for f in flights),
+        )
         refused = mean["engaged_share"] < 1.0
-        rows.append({**asdict(plant), "gains": gains, **mean, "loop_from": flights[0].loop_from, "refused": refused})
+        rows.append(
+            {
+                **asdict(plant),
+                "gains": gains,
+                **mean,
+                "loop_from": flights[0].loop_from,
+                "refused": refused,
+            }
+        )
         print(as_line(plant, gains, mean, refused), flush=True)
     if a.json is not None:
-        a.json.write_text(json.dumps({"simulated": True, "flights": rows}, indent=2), encoding="utf-8")
+        a.json.write_text(
+            json.dumps({"simulated": True, "flights": rows}, indent=2), encoding="utf-8"
+        )
     return 0
 
 

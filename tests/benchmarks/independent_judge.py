@@ -20,12 +20,30 @@ NEEDED = 0.02
 THERE = 0.001
 
 ALIKE: tuple[tuple[frozenset[str], str], ...] = (
-    (frozenset({"payload", "thrust_scale", "air_density"}), "accelerometer and rotors see the ratio of thrust to mass"),
-    (frozenset({"thrust_curve", "thrust_scale"}), "a scale is the level of a curve, flown near one throttle only"),
-    (frozenset({"battery_sag", "thermal_derating"}), "one flight empties the pack and heats the windings together"),
-    (frozenset({"battery_sag", "thrust_scale"}), "a pack that stands off the declared voltage all the time is a scale"),
-    (frozenset({"rotor_drag", "body_drag"}), "linear and quadratic drag differ over a wide range of speeds only"),
-    (frozenset({"cg_offset", "fan_imbalance"}), "one weak rotor makes the moment of an offset; lift and yaw tell them"),
+    (
+        frozenset({"payload", "thrust_scale", "air_density"}),
+        "accelerometer and rotors see the ratio of thrust to mass",
+    ),
+    (
+        frozenset({"thrust_curve", "thrust_scale"}),
+        "a scale is the level of a curve, flown near one throttle only",
+    ),
+    (
+        frozenset({"battery_sag", "thermal_derating"}),
+        "one flight empties the pack and heats the windings together",
+    ),
+    (
+        frozenset({"battery_sag", "thrust_scale"}),
+        "a pack that stands off the declared voltage all the time is a scale",
+    ),
+    (
+        frozenset({"rotor_drag", "body_drag"}),
+        "linear and quadratic drag differ over a wide range of speeds only",
+    ),
+    (
+        frozenset({"cg_offset", "fan_imbalance"}),
+        "one weak rotor makes the moment of an offset; lift and yaw tell them",
+    ),
     (frozenset({"ground_effect", "range_offset"}), "both change lift near the ground only"),
     (frozenset({"contact", "wall_effect"}), "both act at the wall only"),
     (frozenset({"second_wall", "wall_effect"}), "the same law at two walls that meet"),
@@ -61,27 +79,38 @@ class Judgement:
     statements: tuple[Statement, ...] = ()
 
 
-def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint: str = "") -> Judgement:
+def judge(
+    truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint: str = ""
+) -> Judgement:
     """Judge the JSON ``answer``; None where the command gave none."""
     sizes: Mapping[str, float] = truth["sizes"]
     needed = needed_of(truth)
     strange = {n for n, s in sizes.items() if s >= NEEDED and n.startswith("x_")}
     if answer is None:
-        return Judgement(False, False, (), tuple(sorted(needed)), (), False, True, complaint or "no answer")
+        return Judgement(
+            False, False, (), tuple(sorted(needed)), (), False, True, complaint or "no answer"
+        )
     there = {n for n, s in sizes.items() if s >= THERE and not _outside(n)} | ALWAYS
     there |= {inner for n in there for inner in CONTAINS.get(n, ())}
     if sizes.get("payload", 0.0) >= THERE and truth["payload_moment"] >= THERE:
         there.add("cg_offset")
     said = {str(a) for a in answer.get("aliases", []) for a in combinations(sorted(map(str, a)), 2)}
     reported = {str(e["name"]): e for e in answer["effects"]}
-    stands = {n: {t for t in there if t != n and _alike(n, t) and str(tuple(sorted((n, t)))) in said} for n in reported}
+    stands = {
+        n: {t for t in there if t != n and _alike(n, t) and str(tuple(sorted((n, t)))) in said}
+        for n in reported
+    }
     wrong = {n for n in reported if n not in there and not stands[n]}
     for name, effect in reported.items():
         holders = {outer for outer, inner in CONTAINS.items() if name in inner} | (
             {"payload"} if name == "cg_offset" else set()
         )
         size = max(sizes.get(n, 0.0) for n in {name, *stands[name], *holders})
-        if name not in wrong and size < NEEDED and claimed_size(effect, truth, answer) > 2.0 * size + 0.5 * NEEDED:
+        if (
+            name not in wrong
+            and size < NEEDED
+            and claimed_size(effect, truth, answer) > 2.0 * size + 0.5 * NEEDED
+        ):
             wrong.add(name)  # a small effect in a size that somebody would act upon
     covered = {t for n in reported if n not in wrong for t in stands[n] | {n}}
     missed = needed - covered
@@ -117,7 +146,9 @@ def _alike(a: str, b: str) -> bool:
     return any({a, b} <= kind for kind, _ in ALIKE)
 
 
-def claimed_size(effect: Mapping[str, Any], truth: Mapping[str, Any], answer: Mapping[str, Any]) -> float:
+def claimed_size(
+    effect: Mapping[str, Any], truth: Mapping[str, Any], answer: Mapping[str, Any]
+) -> float:
     """RMS that the answer says an effect removes, as a share of weight or of weight times arm: an upper estimate."""
     share = max(float(effect.get("explains") or 0.0), 0.0) ** 0.5
     scale = {
@@ -126,7 +157,10 @@ def claimed_size(effect: Mapping[str, Any], truth: Mapping[str, Any], answer: Ma
         "Nm": truth["weight_n"] * truth["arm_m"],
     }
     axes = [answer["axes"][a] for a in effect.get("axes", []) if a in answer["axes"]]
-    return max((share * float(a["rms_before"]) / scale.get(str(a["unit"]), scale["Nm"]) for a in axes), default=0.0)
+    return max(
+        (share * float(a["rms_before"]) / scale.get(str(a["unit"]), scale["Nm"]) for a in axes),
+        default=0.0,
+    )
 
 
 def share(flags: Iterable[bool]) -> str:

@@ -46,7 +46,9 @@ class Kernel:
 
 
 KERNELS = (
-    Kernel("Prescott", frozenset({"pni"}), "X86_V3 X86_V4 AVX512_ICL AVX512_SPR", also_called="Katmai"),
+    Kernel(
+        "Prescott", frozenset({"pni"}), "X86_V3 X86_V4 AVX512_ICL AVX512_SPR", also_called="Katmai"
+    ),
     Kernel("Haswell", frozenset({"avx2", "fma"}), "X86_V4 AVX512_ICL AVX512_SPR"),
     Kernel("SkylakeX", frozenset({"avx512f", "avx512bw", "avx512dq", "avx512vl"})),
 )
@@ -70,7 +72,9 @@ def processor_flags() -> frozenset[str]:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return frozenset()
-    return frozenset(next((line.partition(":")[2].split() for line in lines if line.startswith("flags")), []))
+    return frozenset(
+        next((line.partition(":")[2].split() for line in lines if line.startswith("flags")), [])
+    )
 
 
 def usable() -> tuple[Kernel, ...]:
@@ -113,7 +117,12 @@ def _compared(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[st
             q = b.get("parameters", {}).get(key)
             if q is None or abs(p["value"] - q["value"]) > _tolerance(p):
                 what = f"{a['name']}.{key}"
-                out.append((f"{what} {p['value']:.6g}", f"{what} {q['value']:.6g}" if q else f"{what} is missing"))
+                out.append(
+                    (
+                        f"{what} {p['value']:.6g}",
+                        f"{what} {q['value']:.6g}" if q else f"{what} is missing",
+                    )
+                )
     return out
 
 
@@ -121,7 +130,9 @@ def _said(answer: Mapping[str, Any]) -> str:
     """What a person acts on: verdict, names in their order, aliases."""
     names = ", ".join(str(e["name"]) for e in answer["effects"])
     aliases = "; ".join(sorted("/".join(sorted(map(str, a))) for a in answer.get("aliases", [])))
-    return f"{answer['verdict']}: {names or 'no name'}" + (f" (aliases {aliases})" if aliases else "")
+    return f"{answer['verdict']}: {names or 'no name'}" + (
+        f" (aliases {aliases})" if aliases else ""
+    )
 
 
 def _tolerance(parameter: Mapping[str, Any]) -> float:
@@ -135,22 +146,34 @@ def run(
     """Answers by job and kernel."""
     with ThreadPoolExecutor(at_a_time) as pool:
         futures = {
-            (job.name, k.name): pool.submit(ask, list(job.logs), job.vehicle, job.model, timeout_s, k.environment)
+            (job.name, k.name): pool.submit(
+                ask, list(job.logs), job.vehicle, job.model, timeout_s, k.environment
+            )
             for job in jobs
             for k in kernels
         }
-        shown = tqdm(futures.items(), unit="diagnosis", file=sys.stderr, disable=not sys.stderr.isatty())
+        shown = tqdm(
+            futures.items(), unit="diagnosis", file=sys.stderr, disable=not sys.stderr.isatty()
+        )
         answers = {key: future.result() for key, future in shown}
     return {job.name: {k.name: answers[job.name, k.name] for k in kernels} for job in jobs}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="each diagnosed alone")
     p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="of the logs")
-    p.add_argument("--measured", action="store_true", help="the measured flights, as far as they are there")
-    p.add_argument("--data", type=Path, default=DATA, metavar="DIR", help=f"their folder (default: {DATA})")
-    p.add_argument("--source", nargs="*", default=[], metavar="NAME", help="only these sources of them")
+    p.add_argument(
+        "--measured", action="store_true", help="the measured flights, as far as they are there"
+    )
+    p.add_argument(
+        "--data", type=Path, default=DATA, metavar="DIR", help=f"their folder (default: {DATA})"
+    )
+    p.add_argument(
+        "--source", nargs="*", default=[], metavar="NAME", help="only these sources of them"
+    )
     p.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses at a time")
     p.add_argument("--timeout", type=float, default=300.0, metavar="S", help="of one diagnosis")
     args = p.parse_args(argv)
@@ -163,7 +186,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("this processor runs fewer than two of them: nothing to compare")
         return 0
     jobs = [Job(log.stem, (log,), args.vehicle) for log in args.logs] or _measured(args)
-    found = {name: differences(answers) for name, answers in run(jobs, kernels, args.jobs, args.timeout).items()}
+    found = {
+        name: differences(answers)
+        for name, answers in run(jobs, kernels, args.jobs, args.timeout).items()
+    }
     for name, unlike in found.items():
         print(f"{'--' if unlike else 'ok'}  {name}" + "".join(f"\n      {line}" for line in unlike))
     others = sum(bool(unlike) for unlike in found.values())
@@ -175,7 +201,10 @@ def _measured(args: argparse.Namespace) -> list[Job]:
     return [
         Job(f.name, (args.data / f.log,), args.data / f.vehicle)
         for f in read().flights
-        if not f.again and not f.table and not f.missing(args.data) and (not args.source or f.source in args.source)
+        if not f.again
+        and not f.table
+        and not f.missing(args.data)
+        and (not args.source or f.source in args.source)
     ]
 
 

@@ -81,12 +81,18 @@ def write_log(path: Path, size: int) -> float:
         for _ in range(rounds):
             file.write(block)
             for s in starts:
-                block[s : s + 8] = (int.from_bytes(block[s : s + 8], "big") + round(SECONDS * 1e6)).to_bytes(8, "big")
+                block[s : s + 8] = (
+                    int.from_bytes(block[s : s + 8], "big") + round(SECONDS * 1e6)
+                ).to_bytes(8, "big")
             for t in times:
                 value = int.from_bytes(block[t.at : t.at + t.size], "little") + t.per_round
                 block[t.at : t.at + t.size] = (value % 256**t.size).to_bytes(t.size, "little")
                 head = t.frame + 8
-                number = int.from_bytes(block[head + 7 : head + 10], "little") if block[head] == V2 else block[head + 5]
+                number = (
+                    int.from_bytes(block[head + 7 : head + 10], "little")
+                    if block[head] == V2
+                    else block[head + 5]
+                )
                 sum_ = crc(bytes(block[head + 1 : t.end]) + extra.get(number, b""))
                 block[t.end : t.end + 2] = sum_.to_bytes(2, "little")
     return rounds * SECONDS
@@ -95,12 +101,18 @@ def write_log(path: Path, size: int) -> float:
 def peak(command: list[str], limit_s: float) -> tuple[float, float, int | None]:
     """(peak MiB, seconds, exit code or None where it was stopped) of one command."""
     start = time.perf_counter()
-    process = subprocess.Popen([sys.executable, "-m", "replay", *command], stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "replay", *command], stdout=subprocess.DEVNULL
+    )
     most = 0
     while process.poll() is None:
         try:
             status = Path(f"/proc/{process.pid}/status").read_text()
-            most = max(most, *(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")), 0)
+            most = max(
+                most,
+                *(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")),
+                0,
+            )
         except (OSError, ValueError):
             pass
         if time.perf_counter() - start > limit_s:
@@ -114,7 +126,9 @@ def peak(command: list[str], limit_s: float) -> tuple[float, float, int | None]:
 
 def main() -> int:
     """Write the log, run the commands, print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--size", type=float, default=2000.0, metavar="MB")
     p.add_argument("--commands", nargs="+", choices=sorted(COMMANDS), default=sorted(COMMANDS))
     p.add_argument("--limit", type=float, default=3600.0, metavar="S")
@@ -128,7 +142,9 @@ def main() -> int:
         size = log.stat().st_size
         print(f"{size / 1e6:.0f} MB, {length_s / 3600.0:.1f} h of flight", flush=True)
         for name in a.commands:
-            command = [part.format(log=log, out=Path(folder) / "out.csv") for part in COMMANDS[name]]
+            command = [
+                part.format(log=log, out=Path(folder) / "out.csv") for part in COMMANDS[name]
+            ]
             mib, seconds, code = peak(command, a.limit)
             ratio = mib * 2**20 / size
             out.append(
@@ -143,7 +159,8 @@ def main() -> int:
             )
             ended = "stopped" if code is None else f"exit {code}"
             print(
-                f"{name:9} peak {mib:7.0f} MiB, {ratio:.2f} bytes a byte of log, {seconds:.0f} s, {ended}", flush=True
+                f"{name:9} peak {mib:7.0f} MiB, {ratio:.2f} bytes a byte of log, {seconds:.0f} s, {ended}",
+                flush=True,
             )
     if a.json:
         a.json.write_text(json.dumps(out, indent=1) + "\n", encoding="utf-8")

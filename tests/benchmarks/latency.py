@@ -153,24 +153,52 @@ FIGURES = (
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--rate", type=float, nargs="+", default=[400.0], help="messages per second")
-    parser.add_argument("--floor", action="store_true", help="also a bare loop and an empty decision")
-    parser.add_argument("--held-to", type=float, metavar="SHARE", help="also with this share of a core")
+    parser.add_argument(
+        "--rate", type=float, nargs="+", default=[400.0], help="messages per second"
+    )
+    parser.add_argument(
+        "--floor", action="store_true", help="also a bare loop and an empty decision"
+    )
+    parser.add_argument(
+        "--held-to", type=float, metavar="SHARE", help="also with this share of a core"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE")
     add_option(parser)
     a = parser.parse_args()
-    answer = {f"{rate:g}": compare(a.seconds, rate, tuple(FLOOR) if a.floor else ()) for rate in a.rate}
+    answer = {
+        f"{rate:g}": compare(a.seconds, rate, tuple(FLOOR) if a.floor else ()) for rate in a.rate
+    }
     if a.held_to is not None:
         with tempfile.TemporaryDirectory() as folder:
-            p50, p99, _, share, _ = measure("companion", a.seconds, a.rate[0], a.held_to, Path(folder))
-            print(f"held to {a.held_to:g} of a core: p50 {p50:.1f} ms, p99 {p99:.1f} ms, answered {share:.3f}")
-            answer["held"] = {"share_of_core": a.held_to, "p50_ms": p50, "p99_ms": p99, "answered": share}
+            p50, p99, _, share, _ = measure(
+                "companion", a.seconds, a.rate[0], a.held_to, Path(folder)
+            )
+            print(
+                f"held to {a.held_to:g} of a core: p50 {p50:.1f} ms, p99 {p99:.1f} ms, answered {share:.3f}"
+            )
+            answer["held"] = {
+                "share_of_core": a.held_to,
+                "p50_ms": p50,
+                "p99_ms": p99,
+                "answered": share,
+            }
             print((Path(folder) / "said").read_text())
-            with contextlib.suppress(OSError):  # the report of a process that was too slow to end in time
+            with contextlib.suppress(
+                OSError
+            ):  # the report of a process that was too slow to end in time
                 report = json.loads((Path(folder) / "report.json").read_text())
-                wanted = ("decisions", "commands", "compensated_s", "gravest_s", "refusals_s", "latency_ms")
+                wanted = (
+                    "decisions",
+                    "commands",
+                    "compensated_s",
+                    "gravest_s",
+                    "refusals_s",
+                    "latency_ms",
+                )
                 print(json.dumps({key: report[key] for key in wanted}, indent=1))
     if a.json is not None:
         a.json.write_text(json.dumps(answer, indent=2) + "\n")
@@ -187,15 +215,22 @@ def compare(seconds: float, rate: float, floor: tuple[str, ...]) -> dict[str, fl
     """All in turns at one rate: prints the table, returns the ratios companion / bare."""
     print(f"{rate:g} messages/s")
     names = ("bare", "plain", "companion", *floor)
-    rows = {name: measure(name, seconds, rate) for name in (*names, *(f"{name} again" for name in names))}
+    rows = {
+        name: measure(name, seconds, rate)
+        for name in (*names, *(f"{name} again" for name in names))
+    }
     print(f"{'':22}{'p50 ms':>9}{'p99 ms':>9}{'CPU %':>8}{'answered':>10}{'RSS MiB':>9}")
     for name, (p50, p99, cpu, share, rss) in rows.items():
         print(f"{name:22}{p50:9.3f}{p99:9.3f}{cpu:8.1f}{share:10.3f}{rss:9.1f}")
-    bare, plain, ours = (np.mean([rows[n], rows[f"{n} again"]], axis=0) for n in ("bare", "plain", "companion"))
+    bare, plain, ours = (
+        np.mean([rows[n], rows[f"{n} again"]], axis=0) for n in ("bare", "plain", "companion")
+    )
     over = float(ours[1] - bare[1])
     for name, other in (("bare", bare), ("plain", plain)):
         p50, p99, cpu, _, rss = ours / other
-        print(f"ratio companion / {name}: p50 {p50:.2f}, p99 {p99:.2f}, CPU {cpu:.2f}, memory {rss:.2f}")
+        print(
+            f"ratio companion / {name}: p50 {p50:.2f}, p99 {p99:.2f}, CPU {cpu:.2f}, memory {rss:.2f}"
+        )
     print(f"p99 over the bare receiver's: {over:+.2f} ms")
     return {
         "p50": float(ours[0] / bare[0]), "p99": float(ours[1] / bare[1]), "p99_over_ms": over,
@@ -236,7 +271,9 @@ def measure(
     with open(os.devnull if folder is None else folder / "said", "w", encoding="utf-8") as said:
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         stderr = None if folder is None else said
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr, env=environment)
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=stderr, env=environment
+        )
     over = threading.Event()
     if held_to < 1.0:
         threading.Thread(target=hold_back, args=(process.pid, held_to, over), daemon=True).start()
@@ -249,9 +286,17 @@ def measure(
         process.kill()
         process.wait()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / (time.monotonic() - start)
+    cpu = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / (
+        time.monotonic() - start
+    )
     ms = 1e3 * np.array(latencies or [np.nan])
-    return float(np.percentile(ms, 50)), float(np.percentile(ms, 99)), 100.0 * cpu, len(latencies) / max(sent, 1), rss
+    return (
+        float(np.percentile(ms, 50)),
+        float(np.percentile(ms, 99)),
+        100.0 * cpu,
+        len(latencies) / max(sent, 1),
+        rss,
+    )
 
 
 def stream(port: int, seconds: float, rate: float, pid: int) -> tuple[list[float], int, float]:
@@ -300,7 +345,11 @@ def stream(port: int, seconds: float, rate: float, pid: int) -> tuple[list[float
         send(mav.heartbeat_encode(2, 3, 128, 4, 4))
         send(mav.extended_sys_state_encode(0, 2))
         send(mav.highres_imu_encode(ms * 1000, 0, 0, -9.81, 0, 0, 0, 0, 0, 0, 1013, 0, 0, 20, 63))
-        send(mav.esc_telemetry_1_to_4_encode([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4))
+        send(
+            mav.esc_telemetry_1_to_4_encode(
+                [20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4
+            )
+        )
         send(mav.distance_sensor_encode(ms, 5, 4000, round((h - 0.05) * 100), 0, 0, 25, 0))
         send(mav.distance_sensor_encode(ms, 5, 4000, 40, 0, 1, 2, 0))
         send(mav.local_position_ned_encode(ms, 0, 0, -h, 0, 0, 0))

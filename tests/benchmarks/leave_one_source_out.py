@@ -60,7 +60,11 @@ class Sum:
 
 def total(rows: Sequence[Judgement]) -> Sum:
     """Count a setting's judgements."""
-    return Sum(sum(j.right for j in rows), sum(bool(j.wrong) for j in rows), sum(bool(j.overclaim) for j in rows))
+    return Sum(
+        sum(j.right for j in rows),
+        sum(bool(j.wrong) for j in rows),
+        sum(bool(j.overclaim) for j in rows),
+    )
 
 
 def origin(j: Judgement) -> str:
@@ -70,27 +74,59 @@ def origin(j: Judgement) -> str:
 
 def chosen(by_setting: dict[str, list[Judgement]], source: str) -> str:
     """The setting that is best without ``source``; the first of equals."""
-    return max(by_setting, key=lambda s: total([j for j in by_setting[s] if origin(j) != source]).rank)
+    return max(
+        by_setting, key=lambda s: total([j for j in by_setting[s] if origin(j) != source]).rank
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Answer, judge, print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--answers", type=Path, required=True, metavar="DIR", help="where answers are kept")
-    p.add_argument("--data", type=Path, default=DATA, metavar="DIR", help=f"folder of the flights (default: {DATA})")
-    p.add_argument("--also", nargs="*", default=[], metavar="TABLE=DIR", help="other tables, and where their logs lie")
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument(
+        "--answers", type=Path, required=True, metavar="DIR", help="where answers are kept"
+    )
+    p.add_argument(
+        "--data",
+        type=Path,
+        default=DATA,
+        metavar="DIR",
+        help=f"folder of the flights (default: {DATA})",
+    )
+    p.add_argument(
+        "--also",
+        nargs="*",
+        default=[],
+        metavar="TABLE=DIR",
+        help="other tables, and where their logs lie",
+    )
     p.add_argument("--rules", action="store_true", help="one rule off at a time")
     p.add_argument("--settings", nargs="*", metavar="NAME=VALUE", help="what is tried")
     args = p.parse_args(argv)
     settings = args.settings or list(RULES if args.rules else SETTINGS)
-    tables = {TABLE: args.data} | {Path(t): Path(d) for t, d in (words.split("=") for words in args.also)}
-    work = [(f, known, data) for table, data in tables.items() for known in [read(table)] for f in _here(known, data)]
+    tables = {TABLE: args.data} | {
+        Path(t): Path(d) for t, d in (words.split("=") for words in args.also)
+    }
+    work = [
+        (f, known, data)
+        for table, data in tables.items()
+        for known in [read(table)]
+        for f in _here(known, data)
+    ]
     if not work:
-        print(f"none of the flights is in {args.data} (they are not part of the project)", file=sys.stderr)
+        print(
+            f"none of the flights is in {args.data} (they are not part of the project)",
+            file=sys.stderr,
+        )
         return 0
     by_setting: dict[str, list[Judgement]] = {s: [] for s in settings}
-    for flight, known, data in tqdm(work, unit="flight", file=sys.stderr, disable=not sys.stderr.isatty()):
-        for setting, asked in zip(settings, _answers(flight, data, settings, args.answers), strict=True):
+    for flight, known, data in tqdm(
+        work, unit="flight", file=sys.stderr, disable=not sys.stderr.isatty()
+    ):
+        for setting, asked in zip(
+            settings, _answers(flight, data, settings, args.answers), strict=True
+        ):
             judged = _judged(flight, known, data, asked)
             if not judged.excused:
                 by_setting[setting].append(judged)
@@ -99,7 +135,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _here(known: Known, data: Path) -> list[Flight]:
-    return [f for f in known.flights if f.kind == "measured" and not f.again and not f.missing(data)]
+    return [
+        f for f in known.flights if f.kind == "measured" and not f.again and not f.missing(data)
+    ]
 
 
 def _answers(flight: Flight, data: Path, settings: Sequence[str], kept: Path) -> Iterator[Asked]:
@@ -111,7 +149,9 @@ def _answers(flight: Flight, data: Path, settings: Sequence[str], kept: Path) ->
             file.parent.mkdir(parents=True, exist_ok=True)
             vehicle, choice = declared(str(data / flight.vehicle), flight.model)
             try:
-                records = records or read_records([data / log for log in flight.logs], vehicle, choice.judged, None)
+                records = records or read_records(
+                    [data / log for log in flight.logs], vehicle, choice.judged, None
+                )
                 with used(parse(setting.split())):
                     answer = conclude(*records).as_json(None)
                 answer["log_faults"] = [*model_faults(records[0], choice), *answer["log_faults"]]
@@ -139,18 +179,28 @@ def rules(by_setting: dict[str, list[Judgement]]) -> str:
             mine = [j for j in rows if origin(j) == source]
             before = total([own[j.source, j.flight] for j in mine])
             now = total(mine)
-            change = (
-                f"{now.right - before.right:+d} {now.wrong - before.wrong:+d} {now.overclaimed - before.overclaimed:+d}"
+            right = now.right - before.right
+            wrong = now.wrong - before.wrong
+            overclaimed = now.overclaimed - before.overclaimed
+            change = f"{right:+d} {wrong:+d} {overclaimed:+d}"
+            cells.append(
+                f"{now.right}/{len(mine)} {now.wrong} {now.overclaimed}" if not setting else change
             )
-            cells.append(f"{now.right}/{len(mine)} {now.wrong} {now.overclaimed}" if not setting else change)
-        lines.append(f"{setting or 'right, wrong, overclaimed':28s}" + "".join(f"{c:>16s}" for c in cells))
+        lines.append(
+            f"{setting or 'right, wrong, overclaimed':28s}" + "".join(f"{c:>16s}" for c in cells)
+        )
     return "\n".join(lines)
 
 
 def report(by_setting: dict[str, list[Judgement]]) -> str:
     """Every setting on all flights, then every source by the setting that was chosen without it."""
     head = f"{'':28s}{'right':>24s}{'wrong name':>24s}{'overclaimed':>24s}"
-    lines = [head, *(_line(setting or "as it is", rows) for setting, rows in by_setting.items()), "", head]
+    lines = [
+        head,
+        *(_line(setting or "as it is", rows) for setting, rows in by_setting.items()),
+        "",
+        head,
+    ]
     held: list[Judgement] = []
     for source in dict.fromkeys(origin(j) for rows in by_setting.values() for j in rows):
         setting = chosen(by_setting, source)
@@ -161,7 +211,11 @@ def report(by_setting: dict[str, list[Judgement]]) -> str:
 
 
 def _line(name: str, rows: Sequence[Judgement]) -> str:
-    flags = ((j.right for j in rows), (bool(j.wrong) for j in rows), (bool(j.overclaim) for j in rows))
+    flags = (
+        (j.right for j in rows),
+        (bool(j.wrong) for j in rows),
+        (bool(j.overclaim) for j in rows),
+    )
     return f"{name:28s}" + "".join(f"{share(f):>24s}" for f in flags)
 
 

@@ -21,7 +21,13 @@ def record(arrival_us: int, frame: bytes) -> bytes:
 
 
 def frame(
-    message, system: int = 1, component: int = 1, sequence: int = 0, *, v1: bool = False, key: bytes | None = None
+    message,
+    system: int = 1,
+    component: int = 1,
+    sequence: int = 0,
+    *,
+    v1: bool = False,
+    key: bytes | None = None,
 ):
     link = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     link.seq = sequence
@@ -54,7 +60,11 @@ def flight(
 
     def put(t_us: int, message, component: int = 1) -> None:
         nonlocal number
-        raw = message if isinstance(message, bytes) else frame(message, system, component, number % 256)
+        raw = (
+            message
+            if isinstance(message, bytes)
+            else frame(message, system, component, number % 256)
+        )
         number += 1
         # A latency of its own for every message, never below the smallest.
         late = latency_us + (number * 7919) % 3000
@@ -67,21 +77,49 @@ def flight(
         roll = 0.1 * math.sin(t)
         if k % 50 == 0:
             put(t_us, heartbeat(armed, 12 if px4 else 3, 6 << 16 if px4 else 4))
-        put(t_us, mavlink.MAVLink_attitude_message(ms, roll, 0.02, 0.3, 0.1 * math.cos(t), 0.0, 0.0))
-        put(t_us, mavlink.MAVLink_highres_imu_message(us, 0.1, -0.2, -9.8, 0.1 * math.cos(t), 0.0, 0.0, *[0] * 7, 63))
+        put(
+            t_us, mavlink.MAVLink_attitude_message(ms, roll, 0.02, 0.3, 0.1 * math.cos(t), 0.0, 0.0)
+        )
+        put(
+            t_us,
+            mavlink.MAVLink_highres_imu_message(
+                us, 0.1, -0.2, -9.8, 0.1 * math.cos(t), 0.0, 0.0, *[0] * 7, 63
+            ),
+        )
         put(t_us, mavlink.MAVLink_local_position_ned_message(ms, 1.0, 2.0, -0.5, 0.1, 0.2, 0.0))
-        put(t_us, mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, 1500, 1510, 1520, 1530, 1490, *[0] * 11))
+        put(
+            t_us,
+            mavlink.MAVLink_servo_output_raw_message(
+                us & 0xFFFFFFFF, 0, 1500, 1510, 1520, 1530, 1490, *[0] * 11
+            ),
+        )
         put(t_us, mavlink.MAVLink_attitude_target_message(ms, 0, (1, 0, 0, 0), 0, 0, 0, 0.45))
         if k % 3 == 0:
-            put(t_us, mavlink.MAVLink_distance_sensor_message(ms, 5, 800, 50, 0, 0, 25, 1, 0, 0, (0, 0, 0, 0), 0))
+            put(
+                t_us,
+                mavlink.MAVLink_distance_sensor_message(
+                    ms, 5, 800, 50, 0, 0, 25, 1, 0, 0, (0, 0, 0, 0), 0
+                ),
+            )
             far = 900 if k % 30 == 0 else 120
-            put(t_us, mavlink.MAVLink_distance_sensor_message(ms, 5, 800, far, 0, 1, 2, 0, 0, 0, (0, 0, 0, 0), 0))
+            put(
+                t_us,
+                mavlink.MAVLink_distance_sensor_message(
+                    ms, 5, 800, far, 0, 1, 2, 0, 0, 0, (0, 0, 0, 0), 0
+                ),
+            )
         if k % 2 == 0:
             rpm = (4000, 4010, 4020, 4030)
             if px4:
                 put(
                     t_us,
-                    pack(291, ESC_STATUS.unpacker.pack(us, *rpm, *[16.0] * 4, *[5.0] * 4, 0), system, 1, number % 256),
+                    pack(
+                        291,
+                        ESC_STATUS.unpacker.pack(us, *rpm, *[16.0] * 4, *[5.0] * 4, 0),
+                        system,
+                        1,
+                        number % 256,
+                    ),
                 )
             else:
                 put(
@@ -93,10 +131,22 @@ def flight(
         if k % 25 == 0:
             volts = round(16_800 - 10 * (t - start_ms / 1000.0))
             cells = [volts, *[65535] * 9]
-            put(t_us, mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1))
+            put(
+                t_us,
+                mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1),
+            )
             put(t_us, mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000))
             if px4:
-                put(t_us, pack(290, ESC_INFO.unpacker.pack(us, *[0] * 9, *[4100] * 4, 0, 4, 0, 15), system, 1, 0))
+                put(
+                    t_us,
+                    pack(
+                        290,
+                        ESC_INFO.unpacker.pack(us, *[0] * 9, *[4100] * 4, 0, 4, 0, 15),
+                        system,
+                        1,
+                        0,
+                    ),
+                )
     put(100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0))
     return sorted(out, key=lambda item: item[0])
 
@@ -141,7 +191,9 @@ def quad_flight(
     north = gust_n / mass_kg
     force = np.stack([north * np.cos(yaw), -north * np.sin(yaw), -(GRAVITY + heave)], axis=-1)
     force = np.clip(force + 0.1 * rng.standard_normal((len(t), 3)), -clip_m_s2, clip_m_s2)
-    rates = np.stack([0 * t, 0 * t, fly * 0.2 + 0 * t], axis=-1) + 0.002 * rng.standard_normal((len(t), 3))
+    rates = np.stack([0 * t, 0 * t, fly * 0.2 + 0 * t], axis=-1) + 0.002 * rng.standard_normal(
+        (len(t), 3)
+    )
     lost = rng.random(len(t)) < nan_share
     force[lost], rates[lost] = np.nan, np.nan
     out: list[tuple[int, bytes]] = []
@@ -157,16 +209,28 @@ def quad_flight(
             numbers = (*force[k].tolist(), *rates[k].tolist())
             messages.append(mavlink.MAVLink_highres_imu_message(us, *numbers, *[0] * 7, 63))
         if servo:
-            messages.append(mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, *[pwm] * 4, *[0] * 12))
+            messages.append(
+                mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, *[pwm] * 4, *[0] * 12)
+            )
         if rpm:
-            telemetry = ([40] * 4, [1600] * 4, [500] * 4, [0] * 4, [round(float(speed[k]))] * 4, [k % 65536] * 4)
+            telemetry = (
+                [40] * 4,
+                [1600] * 4,
+                [500] * 4,
+                [0] * 4,
+                [round(float(speed[k]))] * 4,
+                [k % 65536] * 4,
+            )
             messages.append(mavlink.MAVLink_esc_telemetry_1_to_4_message(*telemetry))
         if k % rate_hz == 0:
             messages.append(heartbeat(kind=kind))
             if landed:
                 messages.append(mavlink.MAVLink_extended_sys_state_message(0, 1))
         arrival = arrival_us + round(at * 1e6) + 2000
-        out += [(arrival + i, frame(message, system, 1, (8 * k + i) % 256)) for i, message in enumerate(messages)]
+        out += [
+            (arrival + i, frame(message, system, 1, (8 * k + i) % 256))
+            for i, message in enumerate(messages)
+        ]
     return out
 
 
@@ -189,7 +253,9 @@ class BinWriter:
         self._out = bytearray()
         self._format(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
 
-    def _format(self, number: int, name: str, formats: str, columns: str, length: int | None = None) -> None:
+    def _format(
+        self, number: int, name: str, formats: str, columns: str, length: int | None = None
+    ) -> None:
         codes = "".join(_BIN_CODES.get(f, f) for f in formats)
         length = 3 + struct.calcsize(f"<{codes}") if length is None else length
         self._out += b"\xa3\x95\x80" + struct.pack(
@@ -247,7 +313,11 @@ class TextWriter:
 
 
 def bin_flight(
-    seconds: float = 4.0, arming: bool = True, outputs: bool = True, *, writer: BinWriter | TextWriter | None = None
+    seconds: float = 4.0,
+    arming: bool = True,
+    outputs: bool = True,
+    *,
+    writer: BinWriter | TextWriter | None = None,
 ) -> bytes:
     """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED; else only the end is said.
 
@@ -285,7 +355,9 @@ def bin_flight(
 
 # --- .ulg -------------------------------------------------------------------------------------------------------------
 
-_ULG_CODES = dict(uint64_t="Q", float="f", uint8_t="B", int8_t="b", uint16_t="H", int32_t="i", bool="?")
+_ULG_CODES = dict(
+    uint64_t="Q", float="f", uint8_t="B", int8_t="b", uint16_t="H", int32_t="i", bool="?"
+)
 
 
 class UlgWriter:
@@ -345,7 +417,10 @@ def ulg_flight(seconds: float = 4.0) -> bytes:
         "distance_sensor", ("float", "min_distance"), ("float", "max_distance"), ("float", "current_distance"),
         ("float", "variance"), ("float[4]", "q"), ("int8_t", "signal_quality"), ("uint8_t", "orientation"),
     )  # fmt: skip
-    w.topic("vehicle_status", *[("uint8_t", n) for n in ("arming_state", "nav_state", "system_type", "system_id")])
+    w.topic(
+        "vehicle_status",
+        *[("uint8_t", n) for n in ("arming_state", "nav_state", "system_type", "system_id")],
+    )
     w.topic("battery_status", ("float", "voltage_v"), ("float", "current_a"))
     w.topic("actuator_outputs", ("float[16]", "output"))
     w.parameter("MPC_THR_HOVER", 0.5)

@@ -38,7 +38,10 @@ PLACES = ((1, -1, "cw"), (1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"))
 def main() -> int:
     clone, out = clone_and_out(__doc__)
     for version in VERSIONS:
-        write_tlog(out / f"mambo_{version}.tlog", _motion(git(clone, "show", f"{COMMIT}:{PATH.format(version)}")))
+        write_tlog(
+            out / f"mambo_{version}.tlog",
+            _motion(git(clone, "show", f"{COMMIT}:{PATH.format(version)}")),
+        )
     (out / "mambo.toml").write_text(vehicle_toml(_vehicle()), encoding="utf-8")
     print(f"{len(VERSIONS)} logs and mambo.toml in {out}")
     return 0

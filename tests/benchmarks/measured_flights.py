@@ -38,18 +38,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     known = read(args.table)
     wanted = [f for f in known.flights if _chosen(f, args)]
     if not wanted:
-        print(f"no such source or flight; sources: {', '.join(_sources(known.flights))}", file=sys.stderr)
+        print(
+            f"no such source or flight; sources: {', '.join(_sources(known.flights))}",
+            file=sys.stderr,
+        )
         return 2
     here = [f for f in wanted if not f.missing(args.data)]
     for f in wanted:
         if f not in here:
-            print(f"left out {f.source}: {f.name}: not there: {', '.join(f.missing(args.data))}", file=sys.stderr)
+            print(
+                f"left out {f.source}: {f.name}: not there: {', '.join(f.missing(args.data))}",
+                file=sys.stderr,
+            )
     if not here:
-        print(f"none of the flights is in {args.data} (they are not part of the project)", file=sys.stderr)
+        print(
+            f"none of the flights is in {args.data} (they are not part of the project)",
+            file=sys.stderr,
+        )
         return 0
     with tempfile.TemporaryDirectory() as folder:
         if args.change:
-            wrong = (changed(f, name, args.data, Path(folder)) for name in args.change for f in here if not f.again)
+            wrong = (
+                changed(f, name, args.data, Path(folder))
+                for name in args.change
+                for f in here
+                if not f.again
+            )
             here = [f for f in wrong if f is not None]
         judgements = _run(together(here) if args.together else here, known, args)
     print(_report(judgements))
@@ -59,7 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     said = [s for j in judgements if not j.again for s in statements(as_json(j))]
     print(f"\n{table(said)}")
     if args.json:
-        args.json.write_text(json.dumps({"flights": [as_json(j) for j in judgements]}, indent=1) + "\n")
+        args.json.write_text(
+            json.dumps({"flights": [as_json(j) for j in judgements]}, indent=1) + "\n"
+        )
     once = [j for j in judgements if not j.again and not j.excused]
     figures = [
         counted("right", (j.right for j in once), least=0.9),
@@ -74,24 +90,63 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--data", type=Path, default=DATA, metavar="DIR", help=f"folder of the flights (default: {DATA})")
-    p.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help="what is known of the flights")
-    p.add_argument("--change", nargs="*", default=[], choices=CHANGES, help="declare the vehicle wrong on purpose")
-    p.add_argument("--source", nargs="*", default=[], metavar="NAME", help="only flights of these sources")
-    p.add_argument("--flight", nargs="*", default=[], metavar="NAME", help="only these flights (the log's name)")
-    p.add_argument(
-        "--answers", type=Path, metavar="DIR", help="keep answers here, and judge those that are kept already"
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    p.add_argument("--drafted", action="store_true", help="ask again with the mass in place of the vehicle file")
-    p.add_argument("--together", action="store_true", help="all flights of a vehicle file as one data set")
     p.add_argument(
-        "--setting", nargs="*", default=[], metavar="NAME=VALUE", help="another number in the search (replay.search)"
+        "--data",
+        type=Path,
+        default=DATA,
+        metavar="DIR",
+        help=f"folder of the flights (default: {DATA})",
+    )
+    p.add_argument(
+        "--table", type=Path, default=TABLE, metavar="FILE", help="what is known of the flights"
+    )
+    p.add_argument(
+        "--change",
+        nargs="*",
+        default=[],
+        choices=CHANGES,
+        help="declare the vehicle wrong on purpose",
+    )
+    p.add_argument(
+        "--source", nargs="*", default=[], metavar="NAME", help="only flights of these sources"
+    )
+    p.add_argument(
+        "--flight",
+        nargs="*",
+        default=[],
+        metavar="NAME",
+        help="only these flights (the log's name)",
+    )
+    p.add_argument(
+        "--answers",
+        type=Path,
+        metavar="DIR",
+        help="keep answers here, and judge those that are kept already",
+    )
+    p.add_argument(
+        "--drafted",
+        action="store_true",
+        help="ask again with the mass in place of the vehicle file",
+    )
+    p.add_argument(
+        "--together", action="store_true", help="all flights of a vehicle file as one data set"
+    )
+    p.add_argument(
+        "--setting",
+        nargs="*",
+        default=[],
+        metavar="NAME=VALUE",
+        help="another number in the search (replay.search)",
     )
     p.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses at a time")
     p.add_argument("--timeout", type=float, default=300.0, metavar="S", help="of one diagnosis")
     p.add_argument("--json", type=Path, metavar="FILE", help="write every judgement")
-    p.add_argument("--plot", type=Path, metavar="FILE.png", help="reliability: stated against right")
+    p.add_argument(
+        "--plot", type=Path, metavar="FILE.png", help="reliability: stated against right"
+    )
     add_option(p)
     return p
 
@@ -127,7 +182,9 @@ def _answer(flight: Flight, args: argparse.Namespace) -> Asked:
         return Asked(**json.loads(kept.read_text()))
     model = str(_model(args.data / flight.table)) if flight.table else flight.model
     logs = [args.data / log for log in flight.logs]
-    asked = ask(logs, args.data / flight.vehicle, model, args.timeout, settings=args.setting, drafted=again)
+    asked = ask(
+        logs, args.data / flight.vehicle, model, args.timeout, settings=args.setting, drafted=again
+    )
     if kept is not None:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(asdict(asked)))
@@ -150,8 +207,16 @@ def _report(judgements: Sequence[Judgement]) -> str:
     lines = []
     for source in _sources(judgements):
         rows = [j for j in judgements if j.source == source]
-        lines += [f"== {source} ({rows[0].kind}{', again' if rows[0].again else ''})", *(_line(j) for j in rows)]
-    lines += ["", *_counts("source", {s: [j for j in judgements if j.source == s] for s in _sources(judgements)})]
+        lines += [
+            f"== {source} ({rows[0].kind}{', again' if rows[0].again else ''})",
+            *(_line(j) for j in rows),
+        ]
+    lines += [
+        "",
+        *_counts(
+            "source", {s: [j for j in judgements if j.source == s] for s in _sources(judgements)}
+        ),
+    ]
     once = [j for j in judgements if not j.again]
     sums = {kind: [j for j in once if j.kind == kind] for kind in KINDS}
     sums["measured + autopilot"] = sums["measured"] + sums["autopilot"]
@@ -190,7 +255,11 @@ def _line(j: Judgement) -> str:
         *([f"OVERCLAIM ({j.overclaim})"] if j.overclaim else []),
         *([f"verdict {j.verdict}"] if j.verdict_wrong else []),
         *(["unknown " + ",".join(j.unknown)] if j.unknown else []),
-        *(f"size {s.effect}.{s.parameter} {s.value:.3g} not {s.low:g}..{s.high:g}" for s in j.sizes if not s.right),
+        *(
+            f"size {s.effect}.{s.parameter} {s.value:.3g} not {s.low:g}..{s.high:g}"
+            for s in j.sizes
+            if not s.right
+        ),
     ]
     axes = "  ".join(
         f"{a.axis} {a.before:.3g}->{a.after:.3g}" + (f" (best {a.best:.3g})" if a.best else "")
@@ -207,7 +276,9 @@ def _counts(what: str, groups: dict[str, list[Judgement]]) -> list[str]:
     for name, rows in groups.items():
         kept = [j for j in rows if not j.excused]
         if kept:
-            flags = [[j.right, bool(j.wrong), bool(j.missed), j.refused, bool(j.overclaim)] for j in kept]
+            flags = [
+                [j.right, bool(j.wrong), bool(j.missed), j.refused, bool(j.overclaim)] for j in kept
+            ]
             cells = [share(bool(f[k]) for f in flags) for k in range(5)]
             out.append(f"{name:22s}" + "".join(f"{c:>24s}" for c in cells))
     return out

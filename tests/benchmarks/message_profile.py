@@ -37,9 +37,15 @@ _ATTITUDE = (31).to_bytes(3, "little")
 """ATTITUDE_QUATERNION's id in a frame of MAVLink 2."""
 
 
-def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Times, stepping: Times) -> float:
+def one_round(
+    log: Path, config: PipelineConfig, asleep_s: float, decoding: Times, stepping: Times
+) -> float:
     """Fly the log once; returns its length [s]."""
-    intake, state, clock = Intake(None, unread(adapting=False)), initial_state(config), time.perf_counter_ns
+    intake, state, clock = (
+        Intake(None, unread(adapting=False)),
+        initial_state(config),
+        time.perf_counter_ns,
+    )
     first = last = None
     for arrival, raw in read_tlog(log).frames():
         first, last = arrival if first is None else first, arrival
@@ -73,7 +79,9 @@ def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Time
 
 
 def main() -> None:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("log", type=Path)
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--rounds", type=int, default=3)
@@ -86,8 +94,14 @@ def main() -> None:
     stepping: Times = defaultdict(list)
     seconds = sum(one_round(a.log, config, a.asleep, decoding, stepping) for _ in range(a.rounds))
     rows = {}
-    for name in sorted({*decoding, *stepping}, key=lambda n: -sum(decoding.get(n, [])) - sum(stepping.get(n, []))):
-        decode_us = 0.0 if name.endswith("answered") else median(decoding.get(name.split(",")[0], [0])) / 1e3
+    for name in sorted(
+        {*decoding, *stepping}, key=lambda n: -sum(decoding.get(n, [])) - sum(stepping.get(n, []))
+    ):
+        decode_us = (
+            0.0
+            if name.endswith("answered")
+            else median(decoding.get(name.split(",")[0], [0])) / 1e3
+        )
         step_us = median(stepping.get(name, [0])) / 1e3
         count = len(stepping.get(name, ())) or len(decoding.get(name, ()))
         rows[name] = {"per_second": count / seconds, "decode_us": decode_us, "step_us": step_us}
@@ -97,7 +111,9 @@ def main() -> None:
         ms = row["per_second"] * (row["decode_us"] + row["step_us"]) / 1e3
         total += ms
         if ms >= 0.01:
-            print(f"{name:<44}{row['per_second']:>11.1f}{row['decode_us']:>11.1f}{row['step_us']:>9.1f}{ms:>7.2f}")
+            print(
+                f"{name:<44}{row['per_second']:>11.1f}{row['decode_us']:>11.1f}{row['step_us']:>9.1f}{ms:>7.2f}"
+            )
     print(f"{'all':<44}{'':>31}{total:>7.2f}")
     if a.json is not None:
         a.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")

@@ -38,8 +38,27 @@ FLIP = np.diag([1.0, -1.0, -1.0])
 MASS_KG, ARM_M, INERTIA = 0.045, 0.0353, (2.3951e-5, 2.3951e-5, 3.2347e-5)
 THRUST_NS2, TORQUE_NMS2 = 3.7177625e-8, 7.728e-11
 RADIUS_M, DENSITY = 0.0275, 1.225
-STATE = ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz", "ros_timestamp_x")
-MOTORS = (*(f"m{k}_{what}" for what in ("erpm", "thrust") for k in (1, 2, 3, 4)), "Vbat", "ros_timestamp_y")
+STATE = (
+    "x",
+    "y",
+    "z",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+    "vx",
+    "vy",
+    "vz",
+    "wx",
+    "wy",
+    "wz",
+    "ros_timestamp_x",
+)
+MOTORS = (
+    *(f"m{k}_{what}" for what in ("erpm", "thrust") for k in (1, 2, 3, 4)),
+    "Vbat",
+    "ros_timestamp_y",
+)
 FORCE = ("ax", "ay", "az", "ros_timestamp")
 
 
@@ -71,7 +90,10 @@ def main() -> int:
 
 def _read(data: bytes) -> Recording:
     table = pq.read_table(io.BytesIO(data))
-    columns = {n: np.array(table[n].to_numpy(zero_copy_only=False), float) for n in ("t", *STATE, *MOTORS, *FORCE)}
+    columns = {
+        n: np.array(table[n].to_numpy(zero_copy_only=False), float)
+        for n in ("t", *STATE, *MOTORS, *FORCE)
+    }
     whole = np.all([np.isfinite(c) for c in columns.values()], axis=0)
     flying = np.array(table["is_flying"].to_numpy(zero_copy_only=False), bool)
     return Recording({n: c[whole] for n, c in columns.items()}, flying[whole])
@@ -102,15 +124,27 @@ def _messages(r: Recording) -> Iterator[tuple[float, bytes]]:
             out.append(mav.MAVLink_attitude_quaternion_message(ms, w, x, y, z, *rate[i]))
             out.append(mav.MAVLink_local_position_ned_message(ms, *place[i], *speed[i]))
         elif kind == "force":
-            out.append(mav.MAVLink_highres_imu_message(us, *force[i], *rate[i], 0, 0, 0, 0, 0, 0, 0, 63))
+            out.append(
+                mav.MAVLink_highres_imu_message(us, *force[i], *rate[i], 0, 0, 0, 0, 0, 0, 0, 63)
+            )
         else:
             centi = [int(volts * 100)] * 4
             speeds = [int(v) for v in rpm[i]]
-            out.append(mav.MAVLink_esc_telemetry_1_to_4_message([0] * 4, centi, [0] * 4, [0] * 4, speeds, [1] * 4))
-            out.append(mav.MAVLink_servo_output_raw_message(us, 0, *(int(v) for v in outputs[i]), 0, 0, 0, 0))
+            out.append(
+                mav.MAVLink_esc_telemetry_1_to_4_message(
+                    [0] * 4, centi, [0] * 4, [0] * 4, speeds, [1] * 4
+                )
+            )
+            out.append(
+                mav.MAVLink_servo_output_raw_message(
+                    us, 0, *(int(v) for v in outputs[i]), 0, 0, 0, 0
+                )
+            )
             if time_s - battery >= 0.1:
                 cells = [int(volts * 1000)] + [65535] * 9
-                out.append(mav.MAVLink_battery_status_message(0, 1, 1, 32767, cells, -1, -1, -1, -1))
+                out.append(
+                    mav.MAVLink_battery_status_message(0, 1, 1, 32767, cells, -1, -1, -1, -1)
+                )
                 battery = time_s
         for message in out:
             link.seq = (link.seq + 1) % 256

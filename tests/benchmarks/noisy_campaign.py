@@ -15,7 +15,9 @@ RPM = 4000.0
 SPEEDS = (2800.0, 3400.0, RPM, 4600.0, 5200.0)
 
 
-def noisy_campaign(noise: float = 0.005, *, seed: int = 0, mirrored: bool = True, pitch_bias: float = 0.007) -> DataSet:
+def noisy_campaign(
+    noise: float = 0.005, *, seed: int = 0, mirrored: bool = True, pitch_bias: float = 0.007
+) -> DataSet:
     """About a hundred places; ``noise`` is the sd of Fz over the hover lift, a third of it in the other components.
 
     ``mirrored``: half models, Fy = Mx = Mz = 0; else those three are noise about 0, 0 and a constant. ``pitch_bias``
@@ -35,6 +37,10 @@ def noisy_campaign(noise: float = 0.005, *, seed: int = 0, mirrored: bool = True
         at_hover[:, 5] = 0.1
     at_hover += drawn
     at_hover[:, 4] += pitch_bias
-    rows = [np.column_stack([h, d, np.full(len(h), n), at_hover * (n / RPM) ** 2.04]) for n in SPEEDS]
+    rows = [
+        np.column_stack([h, d, np.full(len(h), n), at_hover * (n / RPM) ** 2.04]) for n in SPEEDS
+    ]
     table = np.concatenate(rows)
-    return DataSet(table[:, 0], table[:, 1], table[:, 2], table[:, 3:], source="campaign", sha256="")
+    return DataSet(
+        table[:, 0], table[:, 1], table[:, 2], table[:, 3:], source="campaign", sha256=""
+    )

@@ -47,7 +47,11 @@ def child_of(pid: int) -> int | None:
     """The page's process."""
     for entry in Path("/proc").iterdir():
         try:
-            parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1] if entry.name.isdigit() else ""
+            parent = (
+                (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
+                if entry.name.isdigit()
+                else ""
+            )
             if parent == str(pid) and b"companion.page" in (entry / "cmdline").read_bytes():
                 return int(entry.name)
         except OSError:
@@ -62,7 +66,9 @@ def browse(port: int, over: threading.Event, out: dict[str, float]) -> None:
         try:
             if "bytes" not in out:
                 start = time.perf_counter()
-                out["bytes"] = len(urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5).read())
+                out["bytes"] = len(
+                    urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5).read()
+                )
                 out["fetch_ms"] = 1e3 * (time.perf_counter() - start)
             url = f"http://127.0.0.1:{port}/snapshots?since={last}"
             last = json.loads(urllib.request.urlopen(url, timeout=5).read())["last"]
@@ -85,7 +91,9 @@ def first_paint_ms(url: str) -> float:
             browser.open(url)
             paint = None
             while paint is None:
-                paint = browser.value("performance.getEntriesByName('first-contentful-paint')[0]?.startTime")
+                paint = browser.value(
+                    "performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
+                )
                 time.sleep(0.05)
             times.append(float(paint))
     return float(np.median(times))
@@ -93,7 +101,9 @@ def first_paint_ms(url: str) -> float:
 
 def main() -> int:
     """Run both and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--seconds", type=float, default=30.0)
     p.add_argument("--rate", type=float, default=400.0)
     p.add_argument("--json", type=Path)
@@ -106,7 +116,10 @@ def main() -> int:
         command = [sys.executable, "-m", "companion", "--vehicle", "tandem", "--connect", f"udpin:127.0.0.1:{port}",
                    "--quiet", "--duration", str(a.seconds + 12.0), *extra]  # fmt: skip
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        running[name] = (subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment), port)
+        running[name] = (
+            subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment),
+            port,
+        )
     time.sleep(2.0)
     threading.Thread(target=browse, args=(page, over, seen), daemon=True).start()
     generators = {}
@@ -140,7 +153,10 @@ def main() -> int:
         print(f"{name:10}" + "".join(f"  {key} {value:.3f}" for key, value in row.items()))
     print(f"page's own process: {page_cpu:.2f} s; {seen}")
     if a.json:
-        a.json.write_text(json.dumps({**rows, "page": seen, "page_cpu_s": page_cpu}, indent=1) + "\n", encoding="utf-8")
+        a.json.write_text(
+            json.dumps({**rows, "page": seen, "page_cpu_s": page_cpu}, indent=1) + "\n",
+            encoding="utf-8",
+        )
     return 0
 
 

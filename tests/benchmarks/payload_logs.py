@@ -35,7 +35,11 @@ ARM_M, RADIUS_M, TORQUE_M = 0.046 * 0.5**0.5, 0.0225, 0.005964552
 """By the firmware: arm along an axis, and torque over thrust."""
 FULL_N = 0.25
 """Force of one motor that is written as full output; no command reaches it."""
-VEHICLES = {"payload_1": (MASS_KG, 0.768), "payload_2": (MASS_KG, 0.911), "propellers": (0.037, 1.055)}
+VEHICLES = {
+    "payload_1": (MASS_KG, 0.768),
+    "payload_2": (MASS_KG, 0.911),
+    "propellers": (0.037, 1.055),
+}
 """Mass, and thrust over commanded thrust: with the load of 5 g flights 184 and 201 are in balance; standard motors and
 propellers of the thirty flights before need 1.055."""
 PLACES = ((1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"), (1, -1, "cw"))
@@ -48,7 +52,9 @@ def main() -> int:
         columns = _columns(git(clone, "show", f"{COMMIT}:logs/log{k}"))
         write_tlog(out / f"{name}.tlog", _motion(columns))
     for name, (mass_kg, level) in VEHICLES.items():
-        (out / f"{name}.toml").write_text(vehicle_toml(_vehicle(name, mass_kg, level)), encoding="utf-8")
+        (out / f"{name}.toml").write_text(
+            vehicle_toml(_vehicle(name, mass_kg, level)), encoding="utf-8"
+        )
     print(f"{len(names)} logs and {len(VEHICLES)} vehicle files in {out}")
     return 0
 
@@ -111,7 +117,11 @@ def _derivative(x: Array, time_s: Array) -> Array:
 
 def _vehicle(name: str, mass_kg: float, level: float) -> dict[str, Any]:
     fans = [
-        {"position_m": [x * ARM_M, y * ARM_M, 0.0], "lip_radius_m": RADIUS_M, "rotors": [{"servo": k, "spin": spin}]}
+        {
+            "position_m": [x * ARM_M, y * ARM_M, 0.0],
+            "lip_radius_m": RADIUS_M,
+            "rotors": [{"servo": k, "spin": spin}],
+        }
         for k, (x, y, spin) in enumerate(PLACES, 1)
     ]
     return {

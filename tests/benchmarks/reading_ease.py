@@ -60,7 +60,12 @@ def running_text(markdown: str) -> str:
 def sentences(markdown: str) -> list[str]:
     """Every sentence of running text and of table cells."""
     rows = [line.strip() for line in plain(markdown).splitlines() if line.strip().startswith("|")]
-    cells = [cell.strip() for row in rows for cell in row.strip("|").split("|") if re.search("[a-z]", cell)]
+    cells = [
+        cell.strip()
+        for row in rows
+        for cell in row.strip("|").split("|")
+        if re.search("[a-z]", cell)
+    ]
     return [s for text in (*blocks(markdown), *cells) for s in re.split(NEXT_SENTENCE, text)]
 
 
@@ -88,8 +93,12 @@ def hardest(count: int) -> list[tuple[float, Path, str]]:
 
 def main() -> int:
     """Print the grade of every page, the hardest first, or the hardest sentences."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hardest", type=int, metavar="N", help="list the N hardest sentences instead")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--hardest", type=int, metavar="N", help="list the N hardest sentences instead"
+    )
     add_option(parser)
     a = parser.parse_args()
     if a.hardest is not None:
@@ -103,9 +112,16 @@ def main() -> int:
     worst, readme = max(found.values()), found[PAGES[0]]
     words = len(PAGES[0].read_text(encoding="utf-8").split())
     figures = [
-        figure("Flesch-Kincaid grade of the hardest page", f"{worst:.1f}", goal=f"{GOAL:g}", met=worst <= GOAL),
+        figure(
+            "Flesch-Kincaid grade of the hardest page",
+            f"{worst:.1f}",
+            goal=f"{GOAL:g}",
+            met=worst <= GOAL,
+        ),
         figure("of the README", f"{readme:.1f}", goal=f"{GOAL:g}", met=readme <= GOAL),
-        figure("words of the README", f"{words}", goal=f"{README_WORDS}", met=words <= README_WORDS),
+        figure(
+            "words of the README", f"{words}", goal=f"{README_WORDS}", met=words <= README_WORDS
+        ),
     ]
     write_result(a, figures, seeds=f"{len(found)} pages", repeatable=True)
     return 1 if worst > GOAL else 0

@@ -56,10 +56,18 @@ def statements(row: Mapping[str, Any]) -> list[Stated]:
     for s in judgement.get("statements", []):
         basis = Q_VALUE if s["probability"] is None else PROBABILITY
         sure = (
-            s["probability"] if s["probability"] is not None else None if s["q_value"] is None else 1.0 - s["q_value"]
+            s["probability"]
+            if s["probability"] is not None
+            else None
+            if s["q_value"] is None
+            else 1.0 - s["q_value"]
         )
         if s["right"] is not None and sure is not None:
-            out.append(Stated(row.get("kind", "simulated"), s["effect"], basis, sure, s["status"], s["right"]))
+            out.append(
+                Stated(
+                    row.get("kind", "simulated"), s["effect"], basis, sure, s["status"], s["right"]
+                )
+            )
     return out
 
 
@@ -75,7 +83,11 @@ def bins(said: Sequence[Stated], basis: str) -> list[Bin]:
     out = []
     edges = EDGES[basis]
     for low, high in pairwise(edges):
-        inside = [s for s in said if s.basis == basis and (low <= s.sure < high or s.sure == high == edges[-1])]
+        inside = [
+            s
+            for s in said
+            if s.basis == basis and (low <= s.sure < high or s.sure == high == edges[-1])
+        ]
         if inside:
             mean = sum(s.sure for s in inside) / len(inside)
             out.append(Bin(low, high, mean, sum(s.right for s in inside), len(inside)))
@@ -105,8 +117,14 @@ def plot(path: Path, groups: Mapping[str, Sequence[Stated]]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    shown = [b for b in (PROBABILITY, Q_VALUE) if any(s.basis == b for said in groups.values() for s in said)]
-    figure, panels = plt.subplots(1, max(len(shown), 1), figsize=(5.2 * max(len(shown), 1), 4.6), squeeze=False)
+    shown = [
+        b
+        for b in (PROBABILITY, Q_VALUE)
+        if any(s.basis == b for said in groups.values() for s in said)
+    ]
+    figure, panels = plt.subplots(
+        1, max(len(shown), 1), figsize=(5.2 * max(len(shown), 1), 4.6), squeeze=False
+    )
     for panel, basis in zip(panels[0], shown, strict=False):
         for k, (kind, said) in enumerate(groups.items()):
             points = bins(said, basis)
@@ -146,14 +164,22 @@ def intervals(points: Sequence[Bin]) -> list[tuple[float, float]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("judged", nargs="+", type=Path, metavar="JUDGED.json")
     p.add_argument("--plot", type=Path, metavar="FILE.png")
     args = p.parse_args(argv)
     said = [s for path in args.judged for s in read(path)]
     print(table(said))
     if args.plot:
-        plot(args.plot, {kind: [s for s in said if s.kind == kind] for kind in dict.fromkeys(s.kind for s in said)})
+        plot(
+            args.plot,
+            {
+                kind: [s for s in said if s.kind == kind]
+                for kind in dict.fromkeys(s.kind for s in said)
+            },
+        )
     return 0
 
 

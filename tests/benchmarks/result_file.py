@@ -30,13 +30,23 @@ def add_option(parser: argparse.ArgumentParser) -> None:
         help="write the figures for docs/results.md, as in tests/benchmarks/results",
     )  # fmt: skip
     parser.add_argument(
-        "--first-seen", action="store_true", help="with --result: nobody had looked at these flights or seeds before"
+        "--first-seen",
+        action="store_true",
+        help="with --result: nobody had looked at these flights or seeds before",
     )
 
 
-def figure(what: str, value: str, detail: str = "", goal: str = "", met: bool | None = None) -> dict[str, Any]:
+def figure(
+    what: str, value: str, detail: str = "", goal: str = "", met: bool | None = None
+) -> dict[str, Any]:
     """One figure; ``detail``: counts or an interval, ``met``: whether it reaches the goal."""
-    known = {"what": what, "value": value, "detail": detail, "goal": goal, "met": None if met is None else bool(met)}
+    known = {
+        "what": what,
+        "value": value,
+        "detail": detail,
+        "goal": goal,
+        "met": None if met is None else bool(met),
+    }
     return {key: v for key, v in known.items() if v not in ("", None)}
 
 
@@ -51,10 +61,14 @@ def counted(
         return figure(what, "none")
     share = sum(values) / len(values)
     interval = binomtest(sum(values), len(values)).proportion_ci(method="wilson")
-    detail = f"{sum(values)} of {len(values)}, [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
+    detail = (
+        f"{sum(values)} of {len(values)}, [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
+    )
     goal = least if least is not None else most
     met = None if goal is None else share >= goal if least is not None else share <= goal
-    return figure(what, f"{100 * share:.0f} %", detail, "" if goal is None else f"{100 * goal:.0f} %", met)
+    return figure(
+        what, f"{100 * share:.0f} %", detail, "" if goal is None else f"{100 * goal:.0f} %", met
+    )
 
 
 def write_result(
@@ -81,7 +95,11 @@ def write_result(
         "machine": ANY_MACHINE if repeatable else _machine(),
         "seeds": seeds,
         "simulated": simulated,
-        "seen": None if simulated is None else "first seen" if a.first_seen else "looked at in development",
+        "seen": None
+        if simulated is None
+        else "first seen"
+        if a.first_seen
+        else "looked at in development",
         "older": False,
         "notes": old.get("notes", []),
         "figures": [*new, *rest],
@@ -116,10 +134,16 @@ def _commit() -> str:
     """Of the tree that was measured; changes that are not committed are said."""
 
     def git(*words: str) -> str:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+        return subprocess.run(
+            ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+        ).stdout.strip()
 
     commit = git("rev-parse", "--short=7", "HEAD") or "unknown"
-    return f"{commit} with changes" if git("status", "--porcelain", "-uno", "--", ".", *NOT_CODE) else commit
+    return (
+        f"{commit} with changes"
+        if git("status", "--porcelain", "-uno", "--", ".", *NOT_CODE)
+        else commit
+    )
 
 
 def _machine() -> str:

@@ -77,7 +77,9 @@ class Result:
     def how(self) -> str:
         """Simulated or real, seen before or not, of an older version or not."""
         kind = {True: "simulated", False: "real", None: "no flight"}[self.simulated]
-        return ", ".join([kind, *([self.seen] if self.seen else []), *(["older version"] * self.older)])
+        return ", ".join(
+            [kind, *([self.seen] if self.seen else []), *(["older version"] * self.older)]
+        )
 
     @property
     def how_short(self) -> str:
@@ -90,9 +92,17 @@ def load(path: Path) -> Result:
     try:
         raw: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         figures = tuple(_figure(f) for f in raw.pop("figures"))
-        result = Result(notes=tuple(raw.pop("notes", ())), figures=figures, older=raw.pop("older", False), **raw)
-        if result.simulated not in (True, False, None) or result.seen not in (*SEEN, None) or not figures:
-            raise ValueError(f"seen must be one of {SEEN} or null, simulated true, false or null, with figures")
+        result = Result(
+            notes=tuple(raw.pop("notes", ())), figures=figures, older=raw.pop("older", False), **raw
+        )
+        if (
+            result.simulated not in (True, False, None)
+            or result.seen not in (*SEEN, None)
+            or not figures
+        ):
+            raise ValueError(
+                f"seen must be one of {SEEN} or null, simulated true, false or null, with figures"
+            )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path.name}: {error}") from None
     return result
@@ -101,7 +111,9 @@ def load(path: Path) -> Result:
 def _figure(raw: dict[str, Any]) -> Figure:
     readme = raw.get("readme")
     line = None if readme is None else (int(readme[0]), str(readme[1]))
-    return Figure(raw["what"], raw["value"], raw.get("detail", ""), raw.get("goal", ""), raw.get("met"), line)
+    return Figure(
+        raw["what"], raw["value"], raw.get("detail", ""), raw.get("goal", ""), raw.get("met"), line
+    )
 
 
 def results() -> list[Result]:
@@ -117,7 +129,8 @@ def page(found: list[Result]) -> str:
 
 def _section(r: Result) -> str:
     rows = [
-        f"| {f.what} | {f.value}{f' ({f.detail})' if f.detail else ''} | {f.goal} | {_MET[f.met]} |" for f in r.figures
+        f"| {f.what} | {f.value}{f' ({f.detail})' if f.detail else ''} | {f.goal} | {_MET[f.met]} |"
+        for f in r.figures
     ]
     lines = [
         f"\n## {r.title}\n",
@@ -148,15 +161,27 @@ def readme(text: str, found: list[Result]) -> str:
 
 def main() -> int:
     """Write both files, or compare them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 where a file is out of date")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="write nothing; exit code 1 where a file is out of date",
+    )
     check = parser.parse_args().check
     found = results()
     made = {PAGE: page(found), README: readme(README.read_text(encoding="utf-8"), found)}
-    old = [path for path, text in made.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+    old = [
+        path
+        for path, text in made.items()
+        if not path.exists() or path.read_text(encoding="utf-8") != text
+    ]
     for path in old:
         if check:
-            print(f"{path.relative_to(ROOT)}: not up to date: run python tests/benchmarks/results_page.py")
+            print(
+                f"{path.relative_to(ROOT)}: not up to date: run python tests/benchmarks/results_page.py"
+            )
         else:
             path.write_text(made[path], encoding="utf-8")
     return 1 if check and old else 0

@@ -54,7 +54,9 @@ def answer(log: Path, command: str, vehicle: Path | None) -> str:
         body = {k: v for k, v in body.items() if k not in _OF_THE_MACHINE}
     # A warning names a file and a line, which a move changes; the error line of a failed command does not.
     error = err.getvalue() if code else ""
-    return json.dumps({"exit": code, "answer": body, "error": error}, indent=1, sort_keys=True) + "\n"
+    return (
+        json.dumps({"exit": code, "answer": body, "error": error}, indent=1, sort_keys=True) + "\n"
+    )
 
 
 def _job(job: tuple[Path, str, Path | None, Path]) -> Path:
@@ -66,7 +68,9 @@ def _job(job: tuple[Path, str, Path | None, Path]) -> Path:
 
 def main() -> int:
     """Write all answers; with ``--against`` name those that differ and return how many."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("folder", type=Path)
     p.add_argument("--out", type=Path, required=True)
     p.add_argument("--against", type=Path)

@@ -46,7 +46,10 @@ _GAINS = (
     "position_1_s", "velocity_1_s", "integral_1_s2", "height_1_s", "climb_1_s", "climb_integral_1_s2", "tilt_lead_s",
 )  # fmt: skip
 """Of the hold."""
-_CEILING = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}), AdoptedEffect("thrust_scale", {"scale": 0.05}))
+_CEILING = (
+    AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}),
+    AdoptedEffect("thrust_scale", {"scale": 0.05}),
+)
 
 
 def numbers(decision: Decision) -> list[float]:
@@ -63,11 +66,22 @@ def numbers(decision: Decision) -> list[float]:
     known = decision.adaptation
     if known is not None:
         near = known.applied.near
-        out += [*known.applied.shares, near.ground, *near.lift, *near.pull, *near.tilt, *known.sizes.offset.tolist()]
+        out += [
+            *known.applied.shares,
+            near.ground,
+            *near.lift,
+            *near.pull,
+            *near.tilt,
+            *known.sizes.offset.tolist(),
+        ]
     d = decision.disturbance
     if d is None:
         return [*out, np.nan]
-    surfaces = [v for s in (d.ground, d.wall, d.ceiling) for v in (s.distance_m, s.rate_m_s, s.sigma_m, s.stepped_s)]
+    surfaces = [
+        v
+        for s in (d.ground, d.wall, d.ceiling)
+        for v in (s.distance_m, s.rate_m_s, s.sigma_m, s.stepped_s)
+    ]
     values = [d.wrench, d.free_lift_n, d.trust, d.gain, d.h_m, d.d_m, *surfaces]
     return [*out, *np.concatenate([np.ravel(v) for v in values]).tolist()]
 
@@ -95,7 +109,10 @@ def flown(log: Path, way: str) -> list[list[float]]:
     file = vehicle_of(log)
     vehicle = default_vehicle() if file is None else load_vehicle(file)
     model = models.load().with_effects(_CEILING) if way == "effects" else models.load()
-    base, adapt = Base.UPSTREAM if way == "upstream" else Base.HOLD, Adapt.FULL if way == "adapt" else Adapt.OFF
+    base, adapt = (
+        Base.UPSTREAM if way == "upstream" else Base.HOLD,
+        Adapt.FULL if way == "adapt" else Adapt.OFF,
+    )
     config = PipelineConfig(vehicle, model, base=base, adapt=adapt)
     replay = Replay(config, None, {"GUID_OPTIONS": 8.0})
     if suffix_of(log) == ".tlog":
@@ -122,7 +139,12 @@ def job(work: tuple[Path, str]) -> tuple[np.ndarray, np.ndarray] | None:
 def ways(log: Path) -> list[str]:
     """How a log is flown."""
     upstream = log.suffix == ".tlog" and read_tlog(log).indices(82).size > 0
-    return ["hold", "adapt", *(["upstream"] if upstream else []), *(["effects"] if "ceiling" in log.stem else [])]
+    return [
+        "hold",
+        "adapt",
+        *(["upstream"] if upstream else []),
+        *(["effects"] if "ceiling" in log.stem else []),
+    ]
 
 
 def difference(new: np.ndarray, old: np.ndarray) -> float:
@@ -131,7 +153,9 @@ def difference(new: np.ndarray, old: np.ndarray) -> float:
         return np.inf
     with np.errstate(invalid="ignore"):
         apart = np.abs(new - old) / np.maximum(1.0, np.abs(old))
-    return float(np.max(np.where((new == old) | (np.isnan(new) & np.isnan(old)), 0.0, apart), initial=0.0))
+    return float(
+        np.max(np.where((new == old) | (np.isnan(new) & np.isnan(old)), 0.0, apart), initial=0.0)
+    )
 
 
 def offsets_apart(new: np.ndarray, old: np.ndarray, lengths: np.ndarray) -> tuple[float, float]:
@@ -143,20 +167,26 @@ def offsets_apart(new: np.ndarray, old: np.ndarray, lengths: np.ndarray) -> tupl
 
 
 def main() -> int:
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("folder", type=Path)
     p.add_argument("--out", type=Path)
     p.add_argument("--against", type=Path)
     p.add_argument("--only", default="", help="logs with this in their path")
     p.add_argument("--jobs", type=int, default=1)
     a = p.parse_args()
-    logs = sorted(q for q in a.folder.rglob("*") if q.suffix.lower() in READERS and a.only in str(q))
+    logs = sorted(
+        q for q in a.folder.rglob("*") if q.suffix.lower() in READERS and a.only in str(q)
+    )
     work = [(log, way) for log in logs for way in ways(log)]
     stored: dict[str, np.ndarray] = {}
     before = {} if a.against is None else np.load(a.against)
     worst, decisions = 0.0, 0
     with ProcessPoolExecutor(a.jobs) as pool:
-        for (log, way), done in zip(work, tqdm(pool.map(job, work), total=len(work), disable=None), strict=True):
+        for (log, way), done in zip(
+            work, tqdm(pool.map(job, work), total=len(work), disable=None), strict=True
+        ):
             if done is None:
                 continue
             name = f"{log.relative_to(a.folder)}:{way}".replace("/", "|")

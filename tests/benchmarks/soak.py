@@ -152,7 +152,9 @@ class Between:
         frame = cut(data, 0)
         if frame.id == ATTITUDE_QUATERNION:
             self.attitudes += 1
-            self._waiting[struct.unpack_from("<I", frame.payload.ljust(4, b"\0"))[0]] = time.monotonic()
+            self._waiting[struct.unpack_from("<I", frame.payload.ljust(4, b"\0"))[0]] = (
+                time.monotonic()
+            )
             if len(self._waiting) > 200:
                 self._waiting.pop(next(iter(self._waiting)))
         self.passed_on += self._answers  # before, there was no socket to receive it
@@ -174,14 +176,18 @@ class Between:
             return
         self._asked_s = now_s
         for number in FILLERS:
-            message = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6 / FILLER_HZ, 0, 0, 0, 0, 0)
+            message = mavlink.MAVLink_command_long_message(
+                1, 1, 511, 0, number, 1e6 / FILLER_HZ, 0, 0, 0, 0, 0
+            )
             self.front.sendto(message.pack(self._station), self._vehicle)
 
     def window(self, end_s: float) -> Window:
         """What was seen since the last one."""
         ms = 1e3 * np.array(self.latencies or [np.nan])
         p50, p99 = np.percentile(ms, [50.0, 99.0])
-        out = Window(end_s, round(float(p50), 3), round(float(p99), 3), self.attitudes, len(self.latencies))
+        out = Window(
+            end_s, round(float(p50), 3), round(float(p99), 3), self.attitudes, len(self.latencies)
+        )
         self.latencies.clear()
         self.attitudes = 0
         return out
@@ -221,7 +227,9 @@ def fly(seconds: float, px4: bool, folder: Path, records: Path) -> tuple[Soak, d
     with launch(flight, pilot, port=front_port), socket.socket(type=socket.SOCK_DGRAM) as front:
         front.bind(("127.0.0.1", front_port))
         between = Between(front, ("127.0.0.1", port))
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"}
+        )
         try:
             soak = watch(between, process.pid, port, seconds)
             process.send_signal(signal.SIGINT)
@@ -234,12 +242,18 @@ def fly(seconds: float, px4: bool, folder: Path, records: Path) -> tuple[Soak, d
             process.wait()
             between.back.close()
     own = json.loads(report.read_text(encoding="utf-8"))
-    return soak, {k: own[k] for k in ("messages", "latency_ms", "reboots", "record", "refusals_s", "slow_messages_hz")}
+    return soak, {
+        k: own[k]
+        for k in ("messages", "latency_ms", "reboots", "record", "refusals_s", "slow_messages_hz")
+    }
 
 
 def as_json(soak: Soak, own: dict[str, object]) -> dict[str, object]:
     """Everything that was seen."""
-    slopes = {"memory_slope_mib_h": soak.memory_slope_mib_h, "latency_slope_ms_h": soak.latency_slope_ms_h}
+    slopes = {
+        "memory_slope_mib_h": soak.memory_slope_mib_h,
+        "latency_slope_ms_h": soak.latency_slope_ms_h,
+    }
     return {**asdict(soak), **{k: round(v, 4) for k, v in slopes.items()}, "flight_program": own}
 
 
@@ -248,8 +262,14 @@ def as_text(soak: Soak, own: dict[str, object]) -> str:
     messages = own["messages"]
     assert isinstance(messages, dict)
     first, last = soak.rss[0][1], soak.rss[-1][1]
-    p50s, p99s = [w.p50_ms for w in soak.answered_windows], [w.p99_ms for w in soak.answered_windows]
-    attitudes, answered = sum(w.attitudes for w in soak.windows), sum(w.answered for w in soak.windows)
+    p50s, p99s = (
+        [w.p50_ms for w in soak.answered_windows],
+        [w.p99_ms for w in soak.answered_windows],
+    )
+    attitudes, answered = (
+        sum(w.attitudes for w in soak.windows),
+        sum(w.answered for w in soak.windows),
+    )
     lines = [
         f"{soak.seconds:.0f} s at {soak.passed_on / soak.seconds:.0f} messages/s, {100.0 * soak.cpu_share:.0f} % of a "
         "core",
@@ -269,10 +289,14 @@ def as_text(soak: Soak, own: dict[str, object]) -> str:
 
 def main() -> int:
     """Fly, and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--seconds", type=float, default=3600.0)
     p.add_argument("--px4", action="store_true")
-    p.add_argument("--records", type=Path, metavar="DIR", help="keep the recordings here, for replay audit")
+    p.add_argument(
+        "--records", type=Path, metavar="DIR", help="keep the recordings here, for replay audit"
+    )
     p.add_argument("--json", type=Path, metavar="FILE")
     add_option(p)
     a = p.parse_args()

@@ -41,18 +41,25 @@ class SparseRegression:
         self.terms = StandardScaler().fit(terms)
         columns, targets = self.terms.transform(terms), self.residual.transform(y)
         self.chosen = [_choose(columns, axis) for axis in targets.T]
-        self.weights = np.stack([_fit(columns, axis, c) for axis, c in zip(targets.T, self.chosen, strict=True)])
+        self.weights = np.stack(
+            [_fit(columns, axis, c) for axis, c in zip(targets.T, self.chosen, strict=True)]
+        )
         return self
 
     def predict(self, x: Array) -> Array:
         """(n, m)."""
-        columns = self.terms.transform(np.asarray(self.library.transform(self.features.transform(x))))
+        columns = self.terms.transform(
+            np.asarray(self.library.transform(self.features.transform(x)))
+        )
         return np.asarray(self.residual.inverse_transform(columns @ self.weights.T))
 
     def named(self, names: list[str]) -> list[list[tuple[str, float]]]:
         """Of every axis, the terms that are left with their weights, the largest first."""
         terms = self.library.get_feature_names(names)
-        return [[(terms[i], float(row[i])) for i in np.argsort(-np.abs(row)) if row[i] != 0.0] for row in self.weights]
+        return [
+            [(terms[i], float(row[i])) for i in np.argsort(-np.abs(row)) if row[i] != 0.0]
+            for row in self.weights
+        ]
 
 
 def _choose(columns: Array, y: Array) -> tuple[float, float]:
@@ -61,7 +68,9 @@ def _choose(columns: Array, y: Array) -> tuple[float, float]:
 
     def error(choice: tuple[float, float]) -> float:
         held = (block == k for k in range(BLOCKS))
-        return float(sum(((y[h] - columns[h] @ _fit(columns[~h], y[~h], choice)) ** 2).sum() for h in held))
+        return float(
+            sum(((y[h] - columns[h] @ _fit(columns[~h], y[~h], choice)) ** 2).sum() for h in held)
+        )
 
     return min(product(THRESHOLDS, RIDGES), key=error)
 

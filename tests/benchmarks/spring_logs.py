@@ -50,7 +50,9 @@ FLIP = np.array([1.0, -1.0, -1.0])
 def main() -> int:
     clone, out = clone_and_out(__doc__)
     for name, path in LOGS.items():
-        write_tlog(out / f"{name}.tlog", _motion(_bag(git(clone, "show", f"{COMMIT}:{ROOT}{path}"))))
+        write_tlog(
+            out / f"{name}.tlog", _motion(_bag(git(clone, "show", f"{COMMIT}:{ROOT}{path}")))
+        )
     (out / "spring.toml").write_text(vehicle_toml(_vehicle()), encoding="utf-8")
     print(f"{len(LOGS)} logs and spring.toml in {out}")
     return 0
@@ -84,7 +86,11 @@ def _bag(data: bytes) -> dict[str, Array]:
             names[head["conn"]] = head["topic"].decode()
         elif head["op"] == b"\x02" and names[head["conn"]] in rows:
             seconds, nanos = struct.unpack("<II", head["time"])
-            start = 16 + struct.unpack_from("<I", body, 12)[0] + 4 * ((topic := names[head["conn"]]) == TOPICS[2])
+            start = (
+                16
+                + struct.unpack_from("<I", body, 12)[0]
+                + 4 * ((topic := names[head["conn"]]) == TOPICS[2])
+            )
             rows[topic].append((seconds + nanos * 1e-9, *np.frombuffer(body, "<f8", offset=start)))
     return {topic: np.array(sorted(own)) for topic, own in rows.items()}
 
@@ -94,7 +100,10 @@ def _motion(bag: dict[str, Array]) -> Motion:
     # Motion capture is even; only its arrival is not.
     index = 0.01 * np.arange(len(world))
     late = np.pad(world[:, 0] - index, LATE, mode="edge")
-    time, place = index + np.convolve(late, np.ones(2 * LATE + 1) / (2 * LATE + 1), "valid"), world[:, 1:4]
+    time, place = (
+        index + np.convolve(late, np.ones(2 * LATE + 1) / (2 * LATE + 1), "valid"),
+        world[:, 1:4],
+    )
     near = [np.mean((_at(sent[:, 0] - d, time, place) - sent[:, 1:4]) ** 2) for d in DELAYS_S]
     delay = DELAYS_S[int(np.argmin(near))]
     attitude = Rotation.from_quat(world[:, 4:8])
@@ -124,12 +133,18 @@ def _at(when: Array, time: Array, values: Array) -> Array:
 
 def _smooth(x: Array) -> Array:
     """Mean (n, 3) over ``SMOOTHED`` samples."""
-    return np.stack([np.convolve(column, np.ones(SMOOTHED) / SMOOTHED, mode="same") for column in x.T], axis=1)
+    return np.stack(
+        [np.convolve(column, np.ones(SMOOTHED) / SMOOTHED, mode="same") for column in x.T], axis=1
+    )
 
 
 def _vehicle() -> dict[str, Any]:
     fans = [
-        {"position_m": [x * ARM_M, y * ARM_M, 0.0], "lip_radius_m": RADIUS_M, "rotors": [{"servo": k, "spin": spin}]}
+        {
+            "position_m": [x * ARM_M, y * ARM_M, 0.0],
+            "lip_radius_m": RADIUS_M,
+            "rotors": [{"servo": k, "spin": spin}],
+        }
         for k, (x, y, spin) in enumerate(PLACES, 1)
     ]
     return {
@@ -139,7 +154,9 @@ def _vehicle() -> dict[str, Any]:
         "hover_thrust": round(HOVER_PWM / FULL_PWM, 3),
         "rotor_radius_m": RADIUS_M,
         "fan": fans,
-        "throttle": throttle(round(MASS_KG * GRAVITY / 4.0 * FULL_PWM / HOVER_PWM, 4), expo=0.0, voltage_v=3.7),
+        "throttle": throttle(
+            round(MASS_KG * GRAVITY / 4.0 * FULL_PWM / HOVER_PWM, 4), expo=0.0, voltage_v=3.7
+        ),
         "limits": LIMITS,
     }
 

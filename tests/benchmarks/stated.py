@@ -22,7 +22,9 @@ class Statement:
     """False: not adopted, but the answer gives its probability."""
 
 
-def statement(entry: Mapping[str, Any], right: bool | None, why: str = "", *, named: bool = True) -> Statement:
+def statement(
+    entry: Mapping[str, Any], right: bool | None, why: str = "", *, named: bool = True
+) -> Statement:
     """From an entry of ``effects`` or ``rejected`` in the JSON of ``replay diagnose``."""
     parameters = entry.get("parameters", {}).values()
     return Statement(

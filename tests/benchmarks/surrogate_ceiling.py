@@ -36,7 +36,9 @@ def scatter_of(path: Path, count: int) -> Array:
     """The rows' scatter (n, 6), in the order of the set."""
     with path.open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
-    out = np.array([[float(line[f"scatter_{name}"]) for name in dataset.COLUMNS[3:]] for line in lines])
+    out = np.array(
+        [[float(line[f"scatter_{name}"]) for name in dataset.COLUMNS[3:]] for line in lines]
+    )
     assert len(out) == count, "the table belongs to another set"
     return out
 
@@ -74,9 +76,13 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
     for c in np.flatnonzero(problem.live):
         rows = middle & (problem.gate[:, c] > LEAST_GATE)
         opening, size = problem.gate[rows, c], problem.scale[c]
-        kernel = ConstantKernel(1.0, (1e-3, 1e3)) * RBF([0.5, 0.5], (0.05, 20.0)) + WhiteKernel(1e-3, (1e-7, 1.0))
+        kernel = ConstantKernel(1.0, (1e-3, 1e3)) * RBF([0.5, 0.5], (0.05, 20.0)) + WhiteKernel(
+            1e-3, (1e-7, 1.0)
+        )
         alpha = (noise[rows, c] / (size * opening)) ** 2
-        fitted = GaussianProcessRegressor(kernel, alpha=alpha + 1e-9, n_restarts_optimizer=2, random_state=0)
+        fitted = GaussianProcessRegressor(
+            kernel, alpha=alpha + 1e-9, n_restarts_optimizer=2, random_state=0
+        )
         fitted.fit(problem.x[rows, :2], problem.y[rows, c] / (size * opening))
         answer[:, c] = gate[:, c] * size * fitted.predict(x[:, :2])
     return np.where(problem.live, train.r_squared(truth, answer), np.nan)
@@ -88,7 +94,11 @@ def ceiling(data: DataSet, error: Array, rows: Array) -> Array:
     truth, lift = train.increments(data.wrench, data.rpm, law)[rows], law.lift(data.rpm)[rows, None]
     variance = truth.var(axis=0)
     known = variance > 1e-12
-    return np.where(known, 1.0 - np.mean((error[rows] / lift) ** 2, axis=0) / np.where(known, variance, 1.0), np.nan)
+    return np.where(
+        known,
+        1.0 - np.mean((error[rows] / lift) ** 2, axis=0) / np.where(known, variance, 1.0),
+        np.nan,
+    )
 
 
 def _mean_sd(values: Array) -> tuple[Array, Array]:
@@ -98,7 +108,9 @@ def _mean_sd(values: Array) -> tuple[Array, Array]:
 
 def main() -> None:
     """Train on every split and print one table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, default=SHIPPED / "corner_cfd.csv")
     parser.add_argument("--rows", type=Path, default=SHIPPED / "corner_cfd_rows.csv")
     parser.add_argument("--splits", type=int, default=20)
@@ -121,18 +133,25 @@ def main() -> None:
         for name, data in (("rows alike", plain), ("weighted by sigma", weighted)):
             r2, test = held_out_r2(free_air.level(data), args.seed + split)
             found[name].append(r2)
-        found["Gaussian process"].append(process_r2(free_air.level(plain), scatter, args.seed + split))
+        found["Gaussian process"].append(
+            process_r2(free_air.level(plain), scatter, args.seed + split)
+        )
         found["ceiling, scatter"].append(ceiling(plain, scatter, test))
         found["ceiling, sigma"].append(ceiling(plain, weighted.sigma, test))
     known = {name: _mean_sd(np.array(values)) for name, values in found.items()}
-    print(f"{args.splits} splits by place, {len(plain)} rows of {args.data.name}; R2 of increments on held-out places")
+    print(
+        f"{args.splits} splits by place, {len(plain)} rows of {args.data.name}; R2 of increments on held-out places"
+    )
     print(f"{'':20}" + "".join(f"{axis:>16}" for axis in AXES))
     for name, (mean, sd) in known.items():
         print(f"{name:20}" + "".join(f"{m:9.3f} +-{s:5.3f}" for m, s in zip(mean, sd, strict=True)))
     most = known["ceiling, scatter"][0]
     print("share of the scatter ceiling")
     for name in ("rows alike", "weighted by sigma", "Gaussian process"):
-        print(f"{name:20}" + "".join(f"{b / m:16.3f}" for b, m in zip(known[name][0], most, strict=True)))
+        print(
+            f"{name:20}"
+            + "".join(f"{b / m:16.3f}" for b, m in zip(known[name][0], most, strict=True))
+        )
     reached = zip(AXES, known["weighted by sigma"][0], most, strict=True)
     figures = [
         figure(f"held-out R², {axis}, of what the rows allow", f"{r2:.3f} of {top:.3f} = {r2 / top:.3f}", goal="0.99",
@@ -143,7 +162,10 @@ def main() -> None:
     write_result(args, figures, seeds=f"{args.splits} random splits by place")
     if args.json:
         content = {
-            name: {key: dict(zip(AXES, map(train.defined, v), strict=True)) for key, v in (("mean", m), ("sd", s))}
+            name: {
+                key: dict(zip(AXES, map(train.defined, v), strict=True))
+                for key, v in (("mean", m), ("sd", s))
+            }
             for name, (m, s) in known.items()
         }
         args.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

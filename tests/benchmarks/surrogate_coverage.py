@@ -44,7 +44,9 @@ def campaign() -> DataSet:
 
 def main() -> None:
     """Train once a block and print one table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data")
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
@@ -59,7 +61,10 @@ def main() -> None:
         rest = data.take(~block)
         model = train.train(rest, "ensemble", args.seed + k).model
         scattered = dataset.held_out(free_air.level(rest), np.random.default_rng(args.seed + k))
-        for name, rows in (("scattered places", rest.take(scattered)), ("whole blocks", data.take(block))):
+        for name, rows in (
+            ("scattered places", rest.take(scattered)),
+            ("whole blocks", data.take(block)),
+        ):
             answer = model.query(rows.h, rows.d, rows.rpm)
             error = np.abs(answer.wrench - rows.wrench)
             inside[name].append(error <= 1.96 * answer.sigma + 1e-12)
@@ -71,17 +76,26 @@ def main() -> None:
     for name in inside:
         covered, sigma = np.concatenate(inside[name]), np.concatenate(ratio[name])
         result[name] = {
-            axis: {"covered": float(covered[:, c].mean()), "median_sigma_over_lift": float(np.median(sigma[:, c]))}
+            axis: {
+                "covered": float(covered[:, c].mean()),
+                "median_sigma_over_lift": float(np.median(sigma[:, c])),
+            }
             for c, axis in enumerate(AXES)
             if live[c]
         }
         columns = "  ".join(
-            f"{a} {r['covered']:.1%} ({r['median_sigma_over_lift']:.2e})" for a, r in result[name].items()
+            f"{a} {r['covered']:.1%} ({r['median_sigma_over_lift']:.2e})"
+            for a, r in result[name].items()
         )
-        print(f"{name}: {len(covered)} rows; covered by 1.96 sigma (median sigma over lift): {columns}")
+        print(
+            f"{name}: {len(covered)} rows; covered by 1.96 sigma (median sigma over lift): {columns}"
+        )
     trusted = np.concatenate(trusts) > 0.5
     where = np.concatenate(inside["whole blocks"])[trusted][:, live].mean(axis=0)
-    print(f"whole blocks where trust > 0.5 ({trusted.mean():.0%}): " + "  ".join(f"{v:.1%}" for v in where))
+    print(
+        f"whole blocks where trust > 0.5 ({trusted.mean():.0%}): "
+        + "  ".join(f"{v:.1%}" for v in where)
+    )
     if args.json:
         Path(args.json).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 

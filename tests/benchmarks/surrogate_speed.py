@@ -44,7 +44,11 @@ RATE = 0.01
 def paper_sized() -> train.Problem:
     """8 x 8 x 5 points in h, d and rpm: 320 rows, about what the paper's figures show."""
     fan = ClosedForm()
-    axes = (np.linspace(0.75, 4, 8) * 0.165, np.linspace(0.2, 3.8, 8) * 0.165, np.linspace(3000, 5000, 5))
+    axes = (
+        np.linspace(0.75, 4, 8) * 0.165,
+        np.linspace(0.2, 3.8, 8) * 0.165,
+        np.linspace(3000, 5000, 5),
+    )
     h, d, rpm = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
     h, d, rpm = (np.append(a, [v] * 2) for a, v in ((h, np.inf), (d, np.inf), (rpm, 4000.0)))
     rpm[-1] = 4500.0
@@ -93,13 +97,17 @@ def _gradient(theta: Array, x: Array, gate: Array, y: Array) -> Array:
     return np.concatenate([(x.T @ slope).ravel(), slope.sum(0), z.T @ pull, [pull.sum()]])
 
 
-def _evolve_plainly(x: Array, gate: Array, y: Array, s: genetic.Settings, rng: np.random.Generator) -> Array:
+def _evolve_plainly(
+    x: Array, gate: Array, y: Array, s: genetic.Settings, rng: np.random.Generator
+) -> Array:
     population = [rng.uniform(-1, 1, 46) for _ in range(s.population)]
     errors = [_error(t, x, gate, y) for t in population]
     best, best_error = population[int(np.argmin(errors))], min(errors)
     for generation in range(s.generations):
         f = 1.0 / (np.array(errors) + 1e-12)
-        children = [population[i].copy() for i in rng.choice(s.population, s.population, p=f / f.sum())]
+        children = [
+            population[i].copy() for i in rng.choice(s.population, s.population, p=f / f.sum())
+        ]
         for k in range(0, s.population - 1, 2):
             if rng.random() < s.crossover_share:
                 a, one, two = rng.random(46), children[k], children[k + 1]
@@ -125,7 +133,9 @@ def one_point(repeats: int) -> dict[str, float]:
     torch.set_num_threads(1)
     model = models.load()
     nets, one = model.regressor, np.array([[0.1, 0.2, 0.3]])
-    w1, b1, w2, b2 = (torch.as_tensor(a.reshape(-1, *a.shape[2:])) for a in (nets.w1, nets.b1, nets.w2, nets.b2))
+    w1, b1, w2, b2 = (
+        torch.as_tensor(a.reshape(-1, *a.shape[2:])) for a in (nets.w1, nets.b1, nets.w2, nets.b2)
+    )
 
     def stacked() -> tuple[object, object]:
         with torch.no_grad():
@@ -134,7 +144,9 @@ def one_point(repeats: int) -> dict[str, float]:
             return y.mean(0), y.std(0)
 
     member = [
-        torch.nn.Sequential(torch.nn.Linear(3, HIDDEN), torch.nn.Tanh(), torch.nn.Linear(HIDDEN, 1)).double()
+        torch.nn.Sequential(
+            torch.nn.Linear(3, HIDDEN), torch.nn.Tanh(), torch.nn.Linear(HIDDEN, 1)
+        ).double()
         for _ in range(30)
     ]
 
@@ -146,7 +158,9 @@ def one_point(repeats: int) -> dict[str, float]:
 
     def median(work: Callable[[], object], count: int) -> float:
         work()
-        return statistics.median(seconds(lambda: [work() for _ in range(count)]) / count * 1e6 for _ in range(9))
+        return statistics.median(
+            seconds(lambda: [work() for _ in range(count)]) / count * 1e6 for _ in range(9)
+        )
 
     return {
         "query_us": median(lambda: model.query(0.2, 0.1, 4000.0), repeats),
@@ -158,8 +172,12 @@ def one_point(repeats: int) -> dict[str, float]:
 
 def main() -> None:
     """Run all and print one table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a tenth of the generations and epochs")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="a tenth of the generations and epochs"
+    )
     parser.add_argument("--json")
     args = parser.parse_args()
     share = 10 if args.quick else 1
@@ -182,19 +200,30 @@ def main() -> None:
             "ratio": slow / fast,
             "goal": 20,
         },
-        "one_point": {**point, "goal_us": 10, "ratio_to_torch": point["torch_stacked_us"] / point["query_us"]},
+        "one_point": {
+            **point,
+            "goal_us": 10,
+            "ratio_to_torch": point["torch_stacked_us"] / point["query_us"],
+        },
         "million_points_s": grid,
         "peak_memory": memory,
     }
     print(
         f"GA-Adam-BP, 6 outputs x 5 restarts, {len(problem)} rows, {settings.generations} generations, {epochs} epochs"
     )
-    print(f"  batched {fast:8.2f} s   loop over individuals {slow:8.2f} s   ratio {slow / fast:5.1f} (goal 20)")
+    print(
+        f"  batched {fast:8.2f} s   loop over individuals {slow:8.2f} s   ratio {slow / fast:5.1f} (goal 20)"
+    )
     print("six outputs with spread at one point (goal 10 us)")
     print(f"  nets {point['nets_us']:.1f} us   whole query with trust {point['query_us']:.1f} us")
-    print(f"  torch eager, stacked {point['torch_stacked_us']:.1f} us   30 modules {point['torch_modules_us']:.1f} us")
+    print(
+        f"  torch eager, stacked {point['torch_stacked_us']:.1f} us   30 modules {point['torch_modules_us']:.1f} us"
+    )
     print(f"a million points: {grid:.2f} s")
-    print("peak memory [MiB]: " + ", ".join(f"{k.removesuffix('_mib')} {v:.0f}" for k, v in memory.items()))
+    print(
+        "peak memory [MiB]: "
+        + ", ".join(f"{k.removesuffix('_mib')} {v:.0f}" for k, v in memory.items())
+    )
     if args.json:
         with open(args.json, "w", encoding="utf-8") as file:
             json.dump(result, file, indent=1)

@@ -85,7 +85,9 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
 def approach(vehicle: Vehicle, model: Any, seed: int, *, offsets: bool = True) -> Flown:
     """The corner approach with a model."""
     flight = one_vehicle(vehicle, build("corner", vehicle), seed)
-    return fly_judged(flight, PipelineConfig(vehicle, model, offsets=offsets), Leg.ON if offsets else Leg.OFF)
+    return fly_judged(
+        flight, PipelineConfig(vehicle, model, offsets=offsets), Leg.ON if offsets else Leg.OFF
+    )
 
 
 def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
@@ -111,12 +113,20 @@ def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
             for axis in AXES:
                 legs[axis].append(result.rms(axis))
     mean = {name: {axis: sum(v) / len(v) for axis, v in axes.items()} for name, axes in rms.items()}
-    return {"simulated": True, "survey": became, "verdict": diagnosis["verdict"], "effects": named, "rms": mean}
+    return {
+        "simulated": True,
+        "survey": became,
+        "verdict": diagnosis["verdict"],
+        "effects": named,
+        "rms": mean,
+    }
 
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--vehicle", type=Path, default=TANDEM)
     p.add_argument("--box", default="0.3:1.1:0.2:0.9")
     p.add_argument("--seeds", type=int, default=2)
@@ -135,7 +145,10 @@ def main() -> int:
         text = json.dumps(result, indent=1)
         print(text) if a.json == "-" else Path(a.json).write_text(text + "\n", encoding="utf-8")
     for name, axes in result["rms"].items():
-        print(f"{name:16}" + "".join(f"{axis} {axes[axis]:7.2f} {UNITS[axis]}   " for axis in AXES), end="")
+        print(
+            f"{name:16}" + "".join(f"{axis} {axes[axis]:7.2f} {UNITS[axis]}   " for axis in AXES),
+            end="",
+        )
         print(f"touched {axes['touched_s']:.1f} s")
     return 0
 

@@ -108,7 +108,9 @@ def measure(path: Path) -> dict[str, float]:
 
 def main() -> int:
     """Measure and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("log", nargs="?", type=Path)
     p.add_argument("--json", type=Path)
     add_option(p)
@@ -122,8 +124,12 @@ def main() -> int:
     print(f"{figures['frames']:.0f} frames, {figures['megabytes']:.1f} MB, best of 3")
     print(f"{'way':<44}{'frames/s':>12}{'x pymavlink':>14}")
     print(f"{'pymavlink recv_match':<44}{figures['pymavlink_per_s']:>12,.0f}{1.0:>14.1f}")
-    print(f"{'CRC, stamps, all columns (replay.tlog)':<44}{figures['ours_per_s']:>12,.0f}{figures['ratio']:>14.1f}")
-    print(f"{'FlightLog on the boot axis':<44}{figures['flightlog_per_s']:>12,.0f}{figures['ratio_flightlog']:>14.1f}")
+    print(
+        f"{'CRC, stamps, all columns (replay.tlog)':<44}{figures['ours_per_s']:>12,.0f}{figures['ratio']:>14.1f}"
+    )
+    print(
+        f"{'FlightLog on the boot axis':<44}{figures['flightlog_per_s']:>12,.0f}{figures['ratio_flightlog']:>14.1f}"
+    )
     print(f"peak memory: {figures['memory_of_file']:.1f} x file size")
     if a.json is not None:
         a.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")

@@ -16,7 +16,7 @@ import json
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import permutations
 from pathlib import Path
 
@@ -34,17 +34,16 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
-from models.effects import adopted_wrench, get
+from models.effects import AdoptedEffect, adopted_wrench
 from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import load_vehicle
-from replay.diagnosis.amended_model import amended, to_adopt
+from replay.diagnosis.amended_model import amended
 from replay.diagnosis.diagnose import conclude, read_records
 from replay.predict.day import learning_time
 from replay.predict.predict import LEAST_S, predicted
 from replay.residual.record import Record
-from replay.search.results import IntervalEstimate
 
 OURS, MEAN = "ours", "mean"
 FROZEN, TWENTY = "frozen", "twenty_seconds"
@@ -99,8 +98,12 @@ class Averaged:
 def black_boxes() -> dict[str, Callable[[], object]]:
     """Regressors with the settings that are usual for a few hundred samples."""
     ridge = RidgeCV(np.logspace(-2, 5, 15))
-    kernel = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(5.0, (0.5, 50.0)) + WhiteKernel(0.1, (1e-3, 1e1))
-    boosted = HistGradientBoostingRegressor(max_iter=100, min_samples_leaf=10, early_stopping=False, random_state=0)
+    kernel = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(5.0, (0.5, 50.0)) + WhiteKernel(
+        0.1, (1e-3, 1e1)
+    )
+    boosted = HistGradientBoostingRegressor(
+        max_iter=100, min_samples_leaf=10, early_stopping=False, random_state=0
+    )
     network = MLPRegressor(hidden_layer_sizes=(16, 16), alpha=0.1, max_iter=800, random_state=0)
 
     def scaled(regressor: object) -> object:
@@ -114,7 +117,9 @@ def black_boxes() -> dict[str, Callable[[], object]]:
         "trees": lambda: MultiOutputRegressor(boosted),
         "gaussian process": lambda: scaled(GaussianProcessRegressor(kernel)),
     }
-    return boxes | ({} if sparse_peer.pysindy is None else {"sparse regression": sparse_peer.SparseRegression})
+    return boxes | (
+        {} if sparse_peer.pysindy is None else {"sparse regression": sparse_peer.SparseRegression}
+    )
 
 
 def features(record: Record) -> Array:
@@ -122,7 +127,8 @@ def features(record: Record) -> Array:
     ctx, state = record.context, record.context.state
     thrust = ctx.thrust / ctx.weight
     height = np.nan_to_num(
-        np.minimum(np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1), 3.0), nan=3.0
+        np.minimum(np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1), 3.0),
+        nan=3.0,
     )
     volts = state.battery_voltage_v
     parts = [
@@ -136,7 +142,11 @@ def named_groups(data: Path, wanted: Sequence[str]) -> Iterator[Group]:
     """The vehicles of ``SOURCES`` whose files are below ``data``."""
     for source in wanted:
         file, patterns = SOURCES[source]
-        yield Group(source, data / file, tuple(sorted(path for pattern in patterns for path in data.glob(pattern))))
+        yield Group(
+            source,
+            data / file,
+            tuple(sorted(path for pattern in patterns for path in data.glob(pattern))),
+        )
 
 
 def groups_of(table: Path, data: Path) -> Iterator[Group]:
@@ -164,18 +174,12 @@ def flights(group: Group, cache: Path) -> list[Flight]:
             continue
         kept = cache / f"{log.parent.name}-{log.stem}.json"
         if not kept.is_file():
-            kept.write_text(json.dumps(conclude(records, notes).as_json(None), indent=1))
+            found = [asdict(e) for e in conclude(records, notes).adopted]
+            kept.write_text(json.dumps(found, indent=1))
             print(f"diagnosed {log.name}", file=sys.stderr)
-        named = json.loads(kept.read_text())["effects"]
         effects = [
-            to_adopt(
-                get(e["name"]),
-                [IntervalEstimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
-                records[0].context,
-                e.get("without", ()),
-                one_wind=any(other["name"] == "wind" for other in named),
-            )
-            for e in named
+            AdoptedEffect(e["name"], e["parameters"], tuple(e["without"]))
+            for e in json.loads(kept.read_text())
         ]
         out.append(Flight(records[0], amended(None, vehicle, effects)))
     return out
@@ -212,7 +216,9 @@ def pair(a: Flight, b: Flight, learnt: dict[str, object]) -> dict[str, dict[str,
         out[name][OURS] = ratio(flight.with_effects, before, time, axes)
         for method, regressor in learnt.items():
             left = before.copy()
-            left[:, axes] -= regressor.predict(x)[:, [i for i, k in enumerate(range(3)) if k in axes]]
+            left[:, axes] -= regressor.predict(x)[
+                :, [i for i, k in enumerate(range(3)) if k in axes]
+            ]
             if not frozen:
                 left -= left[start].mean(axis=0)
             out[name][method] = ratio(left, before, time, axes)
@@ -233,7 +239,9 @@ def learn(a: Flight) -> dict[str, object]:
     return out
 
 
-def measure(group: Group, cache: Path, most: int | None, known: Sequence[dict]) -> Iterator[list[dict]]:
+def measure(
+    group: Group, cache: Path, most: int | None, known: Sequence[dict]
+) -> Iterator[list[dict]]:
     """Pairs of one vehicle that are not ``known``, all that were learnt on one flight at a time."""
     seen = {(r["source"], r["learnt_on"], r["predicted"]) for r in known}
     found = flights(group, cache)
@@ -248,11 +256,15 @@ def measure(group: Group, cache: Path, most: int | None, known: Sequence[dict]) 
         ]
         if todo:
             boxes = learn(one)
-            yield [names | {"predicted": other.record.name} | pair(one, other, boxes) for other in todo]
+            yield [
+                names | {"predicted": other.record.name} | pair(one, other, boxes) for other in todo
+            ]
             print(f"{group.source}: {i + 1} of {len(found)} flights learnt", file=sys.stderr)
 
 
-def interval(values: Sequence[float], pairs: Sequence[tuple[str, str]] | None = None) -> tuple[float, float, float]:
+def interval(
+    values: Sequence[float], pairs: Sequence[tuple[str, str]] | None = None
+) -> tuple[float, float, float]:
     """Geometric mean with its 95 % interval. ``pairs``: the two flights of each value, which are drawn, not pairs.
 
     A pair counts as often as the product of how often its flights are drawn (Owen 2007, Annals of Applied Statistics 1,
@@ -278,7 +290,9 @@ def flights_of(row: dict) -> tuple[str, str]:
 
 def shown(rows: Sequence[dict], protocol: str, method: str) -> str:
     """Geometric mean and interval of a method."""
-    return "{:.2f} [{:.2f}, {:.2f}]".format(*interval([r[protocol][method] for r in rows], [*map(flights_of, rows)]))
+    return "{:.2f} [{:.2f}, {:.2f}]".format(
+        *interval([r[protocol][method] for r in rows], [*map(flights_of, rows)])
+    )
 
 
 def is_best(row: dict[str, float]) -> bool:
@@ -292,20 +306,34 @@ def table(rows: Sequence[dict], protocol: str) -> str:
     if not rows:
         return f"{protocol}: no pair is long enough"
     methods = [m for m in rows[0][protocol] if all(m in r[protocol] for r in rows)]
-    lines = [f"{protocol}: {'source':16s} pairs " + " ".join(f"{m:>18s}" for m in methods) + "  best  worse"]
+    lines = [
+        f"{protocol}: {'source':16s} pairs "
+        + " ".join(f"{m:>18s}" for m in methods)
+        + "  best  worse"
+    ]
     sources = tuple(dict.fromkeys(r["source"] for r in rows))
     for source in (*sources, "all"):
         part = [r for r in rows if source in (r["source"], "all")]
         cells = [shown(part, protocol, m) for m in methods]
-        best, worse = (sum(f(r[protocol]) for r in part) for f in (is_best, lambda r: r[OURS] > 1.0))
+        best, worse = (
+            sum(f(r[protocol]) for r in part) for f in (is_best, lambda r: r[OURS] > 1.0)
+        )
         lines.append(
-            f"  {source:24s} {len(part):5d} " + " ".join(f"{c:>18s}" for c in cells) + f"  {best:4d}  {worse:5d}"
+            f"  {source:24s} {len(part):5d} "
+            + " ".join(f"{c:>18s}" for c in cells)
+            + f"  {best:4d}  {worse:5d}"
         )
     means = [
-        [np.exp(np.mean([np.log(r[protocol][m]) for r in rows if r["source"] == s])) for s in sources] for m in methods
+        [
+            np.exp(np.mean([np.log(r[protocol][m]) for r in rows if r["source"] == s]))
+            for s in sources
+        ]
+        for m in methods
     ]
     alike = ["{:.2f} [{:.2f}, {:.2f}]".format(*interval(m)) for m in means]
-    lines.append(f"  {'sources weighed alike':24s} {len(sources):5d} " + " ".join(f"{c:>18s}" for c in alike))
+    lines.append(
+        f"  {'sources weighed alike':24s} {len(sources):5d} " + " ".join(f"{c:>18s}" for c in alike)
+    )
     return "\n".join(lines)
 
 
@@ -319,17 +347,31 @@ def figures(rows: Sequence[dict]) -> list[dict]:
             if not part:
                 continue
             ours, low, high = interval([r[protocol][OURS] for r in part], [*map(flights_of, part)])
-            others = {m: interval([r[protocol][m] for r in part])[0] for m in part[0][protocol] if m != OURS}
+            others = {
+                m: interval([r[protocol][m] for r in part])[0]
+                for m in part[0][protocol]
+                if m != OURS
+            }
             worse = sum(r[protocol][OURS] > 1.0 for r in part)
             out += [
                 figure(
-                    f"{name}: ours", f"{ours:.2f}", f"[{low:.2f}, {high:.2f}]", f"{goal:.2f}", round(ours, 2) <= goal
+                    f"{name}: ours",
+                    f"{ours:.2f}",
+                    f"[{low:.2f}, {high:.2f}]",
+                    f"{goal:.2f}",
+                    round(ours, 2) <= goal,
                 ),
-                figure(f"{name}: {', '.join(others)}", ", ".join(f"{v:.2f}" for v in others.values())),
+                figure(
+                    f"{name}: {', '.join(others)}", ", ".join(f"{v:.2f}" for v in others.values())
+                ),
                 counted(
-                    f"{name}: ours better than the best black box", [is_best(r[protocol]) for r in part], least=0.8
+                    f"{name}: ours better than the best black box",
+                    [is_best(r[protocol]) for r in part],
+                    least=0.8,
                 ),
-                figure(f"{name}: worse than nothing", str(worse), f"of {len(part)}", "0", worse == 0),
+                figure(
+                    f"{name}: worse than nothing", str(worse), f"of {len(part)}", "0", worse == 0
+                ),
             ]
     return out
 
@@ -341,8 +383,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     p.add_argument("--table", type=Path, nargs=2, metavar=("TABLE", "DIR"), action="append", default=[],
                    help="also flights of a table, with the folder of their logs; may be repeated")  # fmt: skip
     p.add_argument("--cache", type=Path, required=True, help="folder for diagnoses, one JSON a log")
-    p.add_argument("--source", choices=SOURCES, nargs="*", default=SOURCES, help="only these of --data, or none")
-    p.add_argument("--most", type=int, metavar="N", help="at most so many pairs a vehicle, evenly over them")
+    p.add_argument(
+        "--source",
+        choices=SOURCES,
+        nargs="*",
+        default=SOURCES,
+        help="only these of --data, or none",
+    )
+    p.add_argument(
+        "--most", type=int, metavar="N", help="at most so many pairs a vehicle, evenly over them"
+    )
     p.add_argument("--json", type=Path)
     add_option(p)
     a = p.parse_args(argv)

@@ -87,7 +87,9 @@ def ask(case: Case, data: Path, cache: Path) -> Named | None:
             str((data / case.today.vehicle).resolve()), "--model", "none", "--json", str(path.resolve()), "--quiet",
         ]  # fmt: skip
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        if subprocess.run(command, cwd=REPO, env=environment, capture_output=True, check=False).returncode:
+        if subprocess.run(
+            command, cwd=REPO, env=environment, capture_output=True, check=False
+        ).returncode:
             return None
     answer = json.loads(path.read_text(encoding="utf-8"))
     names = tuple(str(one["name"]) for one in answer["changed"])
@@ -98,7 +100,9 @@ def ask(case: Case, data: Path, cache: Path) -> Named | None:
 
 def main() -> int:
     """Ask, and print."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--data", type=Path, default=DATA)
     p.add_argument("--table", type=Path, default=TABLE)
     p.add_argument("--cache", type=Path, default=Path("what_changed"))
@@ -106,10 +110,15 @@ def main() -> int:
     add_option(p)
     a = p.parse_args()
     known = read(a.table)
-    flights = [f for f in known.flights if f.kind == "measured" and not f.again and not f.other_logs]
+    flights = [
+        f for f in known.flights if f.kind == "measured" and not f.again and not f.other_logs
+    ]
     here = [f for f in flights if not f.missing(a.data)]
     if not here:
-        print(f"none of the flights is in {a.data} (they are not part of the project)", file=sys.stderr)
+        print(
+            f"none of the flights is in {a.data} (they are not part of the project)",
+            file=sys.stderr,
+        )
         return 0
     a.cache.mkdir(parents=True, exist_ok=True)
     found: list[tuple[Case, Named]] = []
@@ -122,7 +131,10 @@ def main() -> int:
         right = answer.first and answer.alone if case.changed else not answer.names
         truth = "/".join(sorted(case.changed)) or "nothing"
         names = ", ".join(answer.names) or "nothing"
-        print(f"{'ok' if right else '--'} {case.today.source}: {case.today.name}: {truth}; named: {names}", flush=True)
+        print(
+            f"{'ok' if right else '--'} {case.today.source}: {case.today.name}: {truth}; named: {names}",
+            flush=True,
+        )
     changed, same = [n for c, n in found if c.changed], [n for c, n in found if not c.changed]
     sums = {
         "true change first": (sum(n.first for n in changed), len(changed)),
@@ -131,11 +143,20 @@ def main() -> int:
     }
     for what, (count, of) in sums.items():
         print(f"{what:36}{share([True] * count + [False] * (of - count))}")
-    goals = {"true change first": 0.9, "nothing else named": 0.85, "nothing changed, and nothing named": 0.95}
-    figures = [counted(what, [True] * n + [False] * (of - n), least=goals[what]) for what, (n, of) in sums.items()]
+    goals = {
+        "true change first": 0.9,
+        "nothing else named": 0.85,
+        "nothing changed, and nothing named": 0.95,
+    }
+    figures = [
+        counted(what, [True] * n + [False] * (of - n), least=goals[what])
+        for what, (n, of) in sums.items()
+    ]
     write_result(a, figures, seeds=f"{len(found)} questions", simulated=False)
     if a.json is not None:
-        a.json.write_text(json.dumps({k: {"count": c, "of": n} for k, (c, n) in sums.items()}, indent=1) + "\n")
+        a.json.write_text(
+            json.dumps({k: {"count": c, "of": n} for k, (c, n) in sums.items()}, indent=1) + "\n"
+        )
     return 0
 
 

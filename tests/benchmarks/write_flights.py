@@ -14,7 +14,10 @@ from flights.make import make_round
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--out", type=Path, required=True, help="folder for tlogs, vehicle files, table.csv, truth.json"
+        "--out",
+        type=Path,
+        required=True,
+        help="folder for tlogs, vehicle files, table.csv, truth.json",
     )
     parser.add_argument("--round", type=int, default=1, help="which set of seeds")
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="only these flights")

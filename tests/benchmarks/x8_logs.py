@@ -30,7 +30,13 @@ LOGS = (
     "2024/06/20240621/PID/logs/log_20240621_103807.log",
     "2024/07/20240729/MRAC/logs/log_20240729_163817.log",
 )
-TIME, POSITION, QUATERNION, VELOCITY, RATES = 1, slice(15, 18), slice(18, 22), slice(22, 25), slice(25, 28)
+TIME, POSITION, QUATERNION, VELOCITY, RATES = (
+    1,
+    slice(15, 18),
+    slice(18, 22),
+    slice(22, 25),
+    slice(25, 28),
+)
 OUTPUTS = slice(67, 75)
 """Columns: north-east-down, forward-right-down, quaternion w first; normalised thrust of the eight motors."""
 RATE_HZ, GRAVITY = 100.0, 9.80665
@@ -76,7 +82,9 @@ def _motion(rows: NDArray[Any]) -> Motion:
     place, q, speed, rate = np.split(state, (3, 7, 10), axis=1)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     force = np.gradient(_smooth(speed), 1.0 / RATE_HZ, axis=0) - (0.0, 0.0, GRAVITY)
-    outputs = [np.interp(time, rows[:, TIME], 1000.0 + 1000.0 * column) for column in rows[:, OUTPUTS].T]
+    outputs = [
+        np.interp(time, rows[:, TIME], 1000.0 + 1000.0 * column) for column in rows[:, OUTPUTS].T
+    ]
     return Motion(
         time_s=time,
         position=place,

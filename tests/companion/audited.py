@@ -27,7 +27,9 @@ def fly_audited(
     from dataclasses import replace
 
     own = replace(config(name), **changes)
-    flight = simulated(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, parameters=case.parameters)
+    flight = simulated(
+        own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, parameters=case.parameters
+    )
     pilots: list[CasePilot] = []
 
     def pilot(world: FaultyLockstep) -> CasePilot:

@@ -17,9 +17,17 @@ class FakeAutopilot:
     autopilot = 3
     """MAV_AUTOPILOT: ArduPilot."""
 
-    def __init__(self, port: int, system: int = 1, parameters: dict[str, float] | None = None, rate_hz: float = 50.0):
+    def __init__(
+        self,
+        port: int,
+        system: int = 1,
+        parameters: dict[str, float] | None = None,
+        rate_hz: float = 50.0,
+    ):
         self.system = system
-        self.parameters = {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5} if parameters is None else parameters
+        self.parameters = (
+            {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5} if parameters is None else parameters
+        )
         self.boot_s = 20.0
         self.armed, self.mode = True, 4
         self.height, self.wall = 0.3, 0.4
@@ -87,9 +95,19 @@ class FakeAutopilot:
             self.send(m.extended_sys_state_encode(0, 2))
         self.send(m.local_position_ned_encode(ms, 0.0, 0.0, -self.height, 0.0, 0.0, 0.0))
         for number, orientation, distance in ((0, 25, self.height - 0.05), (1, 2, self.wall)):
-            self.send(m.distance_sensor_encode(ms, 5, 4000, round(distance * 100), 0, number, orientation, 0))
-        self.send(m.esc_telemetry_1_to_4_encode([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4))
-        self.send(m.attitude_quaternion_encode(ms, *quaternion_from_euler(0.0, 0.0, 0.1), 0.0, 0.0, 0.0))
+            self.send(
+                m.distance_sensor_encode(
+                    ms, 5, 4000, round(distance * 100), 0, number, orientation, 0
+                )
+            )
+        self.send(
+            m.esc_telemetry_1_to_4_encode(
+                [20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4
+            )
+        )
+        self.send(
+            m.attitude_quaternion_encode(ms, *quaternion_from_euler(0.0, 0.0, 0.1), 0.0, 0.0, 0.0)
+        )
 
     def _receive(self) -> None:
         while True:
@@ -101,9 +119,14 @@ class FakeAutopilot:
                 if message.get_type() == "BAD_DATA":
                     continue
                 self.received.append(message)
-                if message.get_type() == "PARAM_REQUEST_READ" and message.param_id in self.parameters:
+                if (
+                    message.get_type() == "PARAM_REQUEST_READ"
+                    and message.param_id in self.parameters
+                ):
                     value = self.parameters[message.param_id]
-                    self.send(self._mav.param_value_encode(message.param_id.encode(), value, 9, 2, 0))
+                    self.send(
+                        self._mav.param_value_encode(message.param_id.encode(), value, 9, 2, 0)
+                    )
 
 
 def free_port() -> int:

@@ -96,7 +96,19 @@ class Bench:
 
     def range(self, direction, distance, sensor=0) -> Range:
         return Range(
-            self.t, 1, 1, direction, 0, sensor, distance, 0.05, 8.0, None, None, self.range_verdict, "DISTANCE_SENSOR"
+            self.t,
+            1,
+            1,
+            direction,
+            0,
+            sensor,
+            distance,
+            0.05,
+            8.0,
+            None,
+            None,
+            self.range_verdict,
+            "DISTANCE_SENSOR",
         )
 
     def tick(self, dt: float = 0.02) -> Decision:
@@ -117,10 +129,14 @@ class Bench:
         if self.send_rpm:
             self.feed(RotorSpeeds(self.t, 1, 1, 1, (self.rpm,) * 4, "ESC_TELEMETRY_1_TO_4"))
         q = quaternion_from_euler(self.roll, self.pitch, 0.0)
-        decision = self.feed(Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION", late_s=self.late))
+        decision = self.feed(
+            Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION", late_s=self.late)
+        )
         if self.config.base is Base.UPSTREAM:
             assert decision is None or decision.command is None, "upstream decides on setpoints"
-            target = SetAttitudeTarget(self.t, 255, 1, 7, (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), 0.5, 1, 1)
+            target = SetAttitudeTarget(
+                self.t, 255, 1, 7, (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), 0.5, 1, 1
+            )
             decision = self.feed(target)
         assert decision is not None
         return decision
@@ -132,5 +148,9 @@ class Bench:
 
 
 def bench(**changes) -> Bench:
-    config_changes = {k: changes.pop(k) for k in ("base", "carrier", "dry_run", "offsets", "model") if k in changes}
+    config_changes = {
+        k: changes.pop(k)
+        for k in ("base", "carrier", "dry_run", "offsets", "model")
+        if k in changes
+    }
     return Bench(config=replace(CONFIG, **config_changes), **changes)

@@ -58,15 +58,25 @@ def missing(kind: str) -> str | None:
 @contextlib.contextmanager
 def hub(kind: str, folder: Path, vehicle_port: int, *ports: int) -> Iterator[None]:
     """Forwards between the vehicle, which sends to ``vehicle_port``, and programs that listen on ``ports``."""
-    silent = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    silent = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "cwd": folder,
+    }
     if kind == "mavproxy":
         outs = [f"--out=udpout:127.0.0.1:{port}" for port in ports]
         options = ["--non-interactive", "--daemon", f"--state-basedir={folder}", *outs]
-        with running([PROGRAMS[kind], f"--master=udpin:127.0.0.1:{vehicle_port}", *options], **silent):
+        with running(
+            [PROGRAMS[kind], f"--master=udpin:127.0.0.1:{vehicle_port}", *options], **silent
+        ):
             yield
         return
     lines = ["[General]", "TcpServerPort=0"]
-    for name, mode, port in [("vehicle", "Server", vehicle_port), *((f"p{p}", "Normal", p) for p in ports)]:
+    for name, mode, port in [
+        ("vehicle", "Server", vehicle_port),
+        *((f"p{p}", "Normal", p) for p in ports),
+    ]:
         lines += [f"[UdpEndpoint {name}]", f"Mode={mode}", "Address=127.0.0.1", f"Port={port}"]
     (folder / "router.conf").write_text("\n".join(lines) + "\n", encoding="utf-8")
     with running([PROGRAMS[kind], "-c", "router.conf"], **silent):
@@ -77,11 +87,15 @@ class Station:
     """A ground station: system 255, component 190. Keeps what it hears."""
 
     def __init__(self, port: int) -> None:
-        self.link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255, source_component=190)
+        self.link = mavutil.mavlink_connection(
+            f"udpin:127.0.0.1:{port}", source_system=255, source_component=190
+        )
         self.heard: list[Any] = []
         self._lock = threading.Lock()
         self._open = True
-        self._threads = [threading.Thread(target=f, daemon=True) for f in (self._listen, self._beat)]
+        self._threads = [
+            threading.Thread(target=f, daemon=True) for f in (self._listen, self._beat)
+        ]
         for thread in self._threads:
             thread.start()
 
@@ -117,7 +131,11 @@ class Station:
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / hz)
 
     def of(self, kind: str, component: int = 1) -> list[Any]:
-        return [m for m in list(self.heard) if m.get_type() == kind and m.get_srcComponent() == component]
+        return [
+            m
+            for m in list(self.heard)
+            if m.get_type() == kind and m.get_srcComponent() == component
+        ]
 
     def until(self, reached: Callable[[], Any], seconds: float, what: str) -> None:
         end = time.monotonic() + seconds
@@ -144,7 +162,9 @@ class Station:
 
         self.until(armed, 20.0, "arming")
         self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 1.5)
-        self.until(lambda: self.of("LOCAL_POSITION_NED") and self.place[2] > 1.3, 30.0, "the take-off")
+        self.until(
+            lambda: self.of("LOCAL_POSITION_NED") and self.place[2] > 1.3, 30.0, "the take-off"
+        )
 
     def go(self, north: float, east: float, height: float) -> None:
         """A place for the flight program."""
@@ -175,13 +195,17 @@ def companion(folder: Path, port: int, *options: str) -> Iterator[Companion]:
     command = flight_command(port, "--json", str(folder / f"{port}.json"), *options)
     with (
         (folder / f"{port}.txt").open("w", encoding="utf-8") as words,
-        running(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, env=environment) as process,
+        running(
+            command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, env=environment
+        ) as process,
     ):
         yield Companion(process, folder, port)
 
 
 @contextlib.contextmanager
-def wired(kind: str, folder: Path, *options: str, more: int = 0) -> Iterator[tuple[Station, Companion, list[int]]]:
+def wired(
+    kind: str, folder: Path, *options: str, more: int = 0
+) -> Iterator[tuple[Station, Companion, list[int]]]:
     """Vehicle, hub, flight program and station; ``more`` ports of the hub for others."""
     port, ours, theirs, *others = (free_port() for _ in range(3 + more))
     flight = simulated(default_vehicle(), build("hover", default_vehicle()), 5)

@@ -86,17 +86,42 @@ class Peer:
         return self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
 
     def attitude(
-        self, roll: float = 0.0, pitch: float = 0.0, thrust: float = 0.5, *, mask: int = 7, scale: float = 1.0
+        self,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        thrust: float = 0.5,
+        *,
+        mask: int = 7,
+        scale: float = 1.0,
     ) -> None:
         """Angles in degrees."""
         q = [scale * v for v in quaternion_from_euler(math.radians(roll), math.radians(pitch), 0.0)]
-        self.say(mavlink.MAVLink_set_attitude_target_message(self.link.boot_ms, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust))
+        self.say(
+            mavlink.MAVLink_set_attitude_target_message(
+                self.link.boot_ms, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust
+            )
+        )
 
     def position(self, n: float, e: float, d: float, *, accel_n: float | None = None) -> None:
         mask = 0x38 | 0x800 | (0x1C0 if accel_n is None else 0)
         self.say(
             mavlink.MAVLink_set_position_target_local_ned_message(
-                self.link.boot_ms, 1, 1, 1, mask, n, e, d, 0.0, 0.0, 0.0, accel_n or 0.0, 0.0, 0.0, 0.0, 0.0
+                self.link.boot_ms,
+                1,
+                1,
+                1,
+                mask,
+                n,
+                e,
+                d,
+                0.0,
+                0.0,
+                0.0,
+                accel_n or 0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
             ),
             255,
             190,
@@ -109,7 +134,12 @@ def fly(flight: SimulatedFlight, seconds: float) -> None:
 
 
 def hovering(
-    name: str = "tandem", scenario: str = "hover", *, air: bool = False, seed: int = 3, px4: bool = False
+    name: str = "tandem",
+    scenario: str = "hover",
+    *,
+    air: bool = False,
+    seed: int = 3,
+    px4: bool = False,
 ) -> Peer:
     """A vehicle that hovers under GUIDED at 1.5 m."""
     return Peer(copy.deepcopy(_hovering(name, scenario, air, seed, px4)))
@@ -121,4 +151,6 @@ def sent_and_decided(log: Path, config: PipelineConfig) -> tuple[list[bytes], li
     decided = [encode(d.command, 1) for d in decisions if d.command is not None]
     frames = [cut(raw, 0) for _, raw in read_tlog(log).frames()]
     sent = [f.payload for f in frames if f.component == 191 and f.id == SET_ATTITUDE_TARGET]
-    return [p.ljust(40, b"\0") for p in sent], [p.ljust(40, b"\0") for i, p in decided if i == SET_ATTITUDE_TARGET]
+    return [p.ljust(40, b"\0") for p in sent], [
+        p.ljust(40, b"\0") for i, p in decided if i == SET_ATTITUDE_TARGET
+    ]

@@ -78,6 +78,15 @@ def test_shares_and_what_is_measured_grow_slowly_and_shares_fade_like_other_offs
 
 
 def test_the_pilot_reads_which_effect_and_what_is_done():
-    assert sentence("ground_lift", 0.2, 0.18) == "ground lift measured 0.2 of the model's: compensating with that"
-    assert sentence("wall_pull", -0.7, 0.0) == "wall pull measured -0.7 of the model's: not compensating it"
-    assert sentence("wall_tilt", 2.4, 1.5) == "wall tilt measured 2.4 of the model's: compensating with 1.5"
+    assert (
+        sentence("ground_lift", 0.2, 0.18)
+        == "ground lift measured 0.2 of the model's: compensating with that"
+    )
+    assert (
+        sentence("wall_pull", -0.7, 0.0)
+        == "wall pull measured -0.7 of the model's: not compensating it"
+    )
+    assert (
+        sentence("wall_tilt", 2.4, 1.5)
+        == "wall tilt measured 2.4 of the model's: compensating with 1.5"
+    )

@@ -28,7 +28,16 @@ HAPPENS_S, OVER_S, END_S = 24.0, 28.0, 43.0
 
 def low_hover() -> SimulatedFlight:
     """Down into the ground effect, which is then known; up and down again after what happens."""
-    waypoints = ((0, 1.2), (2, 1.2), (6, LOW_M), (18, LOW_M), (21, 1.2), (22, 1.2), (26, LOW_M), (60, LOW_M))
+    waypoints = (
+        (0, 1.2),
+        (2, 1.2),
+        (6, LOW_M),
+        (18, LOW_M),
+        (21, 1.2),
+        (22, 1.2),
+        (26, LOW_M),
+        (60, LOW_M),
+    )
     scenario = replace(
         build("hover", VEHICLE),
         waypoints=tuple(Waypoint(float(t), 0.0, h, name="low") for t, h in waypoints),
@@ -37,7 +46,9 @@ def low_hover() -> SimulatedFlight:
     return simulated(VEHICLE, scenario, 7, law=NOMINAL)
 
 
-def flown(flight: SimulatedFlight, *changes: Change, vehicle: Vehicle = VEHICLE, **options: float) -> Watch:
+def flown(
+    flight: SimulatedFlight, *changes: Change, vehicle: Vehicle = VEHICLE, **options: float
+) -> Watch:
     model = TrueModel(VEHICLE, NOMINAL)
     config = PipelineConfig(vehicle, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     return fly(flight, config, END_S, *changes, **options)
@@ -123,4 +134,6 @@ def test_landing_and_standing_teach_nothing():
     assert abs(ground(watch, END_S - 1.0)[-1] - 1.0) < 0.3
     assert abs(last.estimates()["thrust_scale"].value - 1.0) < 0.06
     touched = next(t for t, known in watch.seen if t > HAPPENS_S and known.paused == NOT_FLYING)
-    assert watch.seen[-1][1].learned_s == next(known.learned_s for t, known in watch.seen if t > touched + 1.0)
+    assert watch.seen[-1][1].learned_s == next(
+        known.learned_s for t, known in watch.seen if t > touched + 1.0
+    )

@@ -51,7 +51,10 @@ def test_the_text_names_sizes_and_what_is_compensated(log, capsys):
 @pytest.mark.slow
 def test_a_folder_of_logs_is_measured_too(log, tmp_path, capsys):
     out = str(tmp_path / "folder")
-    assert replay(["run", str(log.parent), "--adapt", "full", "--out", out, "--json", "-", "--quiet"]) == 0
+    assert (
+        replay(["run", str(log.parent), "--adapt", "full", "--out", out, "--json", "-", "--quiet"])
+        == 0
+    )
     told = json.loads(capsys.readouterr().out)
     (one,) = [row for row in told["logs"] if row["log"].endswith("low.tlog")]
     assert "ground_lift" in one["adapted"]

@@ -10,7 +10,16 @@ import pytest
 
 from companion.adaptation import filter as sizes_filter
 from companion.adaptation.filter import excites, later
-from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, estimates, prior, size_table
+from companion.adaptation.sizes import (
+    FIRST_EFFECT,
+    GAINS,
+    Size,
+    Sizes,
+    effects_with_size,
+    estimates,
+    prior,
+    size_table,
+)
 from companion.vehicles import default_vehicle
 from models import load
 from models.effects import InFlight, catalogue, get
@@ -44,7 +53,9 @@ def test_it_is_least_squares_with_a_prior():
         believed = update(sizes, believed, float(value), row, noise**2, **FREE)
     information = rows.T @ rows / noise**2 + np.eye(4)
     assert np.allclose(believed.covariance, np.linalg.inv(information), atol=1e-9)
-    assert np.allclose(believed.offset, np.linalg.solve(information, rows.T @ seen / noise**2), atol=1e-9)
+    assert np.allclose(
+        believed.offset, np.linalg.solve(information, rows.T @ seen / noise**2), atol=1e-9
+    )
 
 
 def test_a_size_that_is_not_excited_keeps_its_value_and_the_covariance_stays_one():
@@ -98,7 +109,9 @@ def test_the_covariance_stays_a_covariance_over_an_hour():
     for _ in range(5000):
         believed = later(sizes, believed, 0.2)
         row = RNG.normal(size=len(sizes)) * RNG.choice([0.0, 0.1, 40.0], size=len(sizes))
-        believed = update(sizes, believed, float(RNG.normal()), row, 0.3, excited=0.2, robust_sigmas=2.5)
+        believed = update(
+            sizes, believed, float(RNG.normal()), row, 0.3, excited=0.2, robust_sigmas=2.5
+        )
     assert np.array_equal(believed.covariance, believed.covariance.T)
     assert np.linalg.eigvalsh(believed.covariance).min() > -1e-12
     assert np.isfinite(believed.offset).all()
@@ -127,5 +140,11 @@ def test_only_effects_that_say_so_have_a_size_of_their_own():
     """What is not compensated in flight, or is steady, has none; a new effect has none unless its file says so."""
     effects = tuple(AdoptedEffect(e.name) for e in catalogue())
     named = [effects[k].name for k in effects_with_size(SimpleNamespace(effects=effects))]
-    assert sorted(named) == ["ceiling", "corner_effect", "ground_effect", "second_wall", "wall_effect"]
+    assert sorted(named) == [
+        "ceiling",
+        "corner_effect",
+        "ground_effect",
+        "second_wall",
+        "wall_effect",
+    ]
     assert all(get(name).in_flight.use is InFlight.WRENCH for name in named)

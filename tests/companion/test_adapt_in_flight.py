@@ -83,7 +83,9 @@ def test_a_right_model_is_found_right_and_stays_as_it_is():
 def test_a_model_that_is_too_strong_is_measured_and_reduced():
     value, sd = last(flown("1.6"), "ground_lift")
     assert abs(value - 1.0 / 1.6) < 3.0 * sd
-    assert lift_compensated(flown("1.6").seen[-1][1], 1.6) == pytest.approx(lift_of_the_air(), rel=0.15)
+    assert lift_compensated(flown("1.6").seen[-1][1], 1.6) == pytest.approx(
+        lift_of_the_air(), rel=0.15
+    )
 
 
 @pytest.mark.slow
@@ -94,7 +96,10 @@ def test_with_a_model_of_the_wrong_sign_what_is_measured_is_compensated_and_the_
     assert known.shares[0] == 0.0
     (name, share, text), *_ = sentences(known, {})
     assert (name, share) == ("ground_lift", 0.0)
-    assert re.fullmatch(r"ground lift: model contradicted \(-\d\.\d\); measured as \d\.\d of Cheeseman-Bennett", text)
+    assert re.fullmatch(
+        r"ground lift: model contradicted \(-\d\.\d\); measured as \d\.\d of Cheeseman-Bennett",
+        text,
+    )
     assert not list(sentences(known, {"ground_lift": 0.0}))
     assert lift_compensated(known, -1.0) == pytest.approx(lift_of_the_air(), rel=0.2)
 
@@ -121,7 +126,9 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
         mean = judged.mean.copy()
         mean[:, : channel.gain] += 0.2
         beside.append(judged._replace(mean=mean))
-    other = replace(known, sizes=Sizes(moved, known.sizes.covariance), judged=tuple(beside), learned=(True,) * 3)
+    other = replace(
+        known, sizes=Sizes(moved, known.sizes.covariance), judged=tuple(beside), learned=(True,) * 3
+    )
     same = replace(known, learned=(True,) * 3)
     assert adapt._wanted(other) == adapt._wanted(same)
     with_ceiling = models.load().with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
@@ -131,13 +138,18 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
 
 
 def test_a_share_grows_slower_than_the_holds_integrators_answer():
-    integrators = (FULL.velocity_1_s / FULL.integral_1_s2, FULL.climb_1_s / FULL.climb_integral_1_s2)
+    integrators = (
+        FULL.velocity_1_s / FULL.integral_1_s2,
+        FULL.climb_1_s / FULL.climb_integral_1_s2,
+    )
     assert 1.5 * max(integrators) < 1.0 / GIVE_1_S
     all_at_once = Applied((1.5,) * 3, NearField(3.0, *((0.1,) * CELLS,) * 3))
     grown = towards(Applied((0.0,) * 3), all_at_once, adapt.BLOCK_S)
     slowest = adapt.BLOCK_S / (1.5 * max(integrators))
     assert max(*grown.shares, grown.near.ground) <= slowest
-    assert grown.near.lift[0] / 0.1 <= slowest  # of the largest lift that the simulated ground gives
+    assert (
+        grown.near.lift[0] / 0.1 <= slowest
+    )  # of the largest lift that the simulated ground gives
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 1.5])
@@ -249,5 +261,7 @@ def test_a_model_of_another_fan_leaves_no_vehicle_leaning_on_the_wall():
     Of two flights together: a single first approach varies by 6 % with the turbulence that it meets.
     """
     for axis in ("height", "lateral"):
-        adapted, off = (math.hypot(*(corner(m, seed).rms(axis) for seed in (104, 111))) for m in ("full", "off"))
+        adapted, off = (
+            math.hypot(*(corner(m, seed).rms(axis) for seed in (104, 111))) for m in ("full", "off")
+        )
         assert adapted <= 1.03 * off

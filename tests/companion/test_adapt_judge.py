@@ -46,7 +46,9 @@ def around(height: float, gap: float, bearing: float = 0.0) -> FanPlaces:
     return FanPlaces((height,) * 2, (gap,) * 2, (THRUST_N,) * 2, bearing)
 
 
-def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1) -> Belief:
+def flown(
+    channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1
+) -> Belief:
     """In free air, down to 1.2 radii at half a radius from a wall ahead, a while there, up again; so many times."""
     random, told = np.random.default_rng(seed), judge.initial(channel)
     low = [*np.geomspace(5.0, 1.2, 30), *[1.2] * 20, *np.geomspace(1.2, 5.0, 15)]
@@ -54,14 +56,20 @@ def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, se
         regressors = np.zeros((5, len(TABLE)))
         fans = 2.0 * THRUST_N * np.array([1.0, 0.0, -1.0, 0.0, -RADIUS_M])
         gap = 0.5 if height < 9.0 else math.inf
-        regressors[:, channel.own] = [f * model(height, gap) if a in channel.axes else 0.0 for a, f in enumerate(fans)]
+        regressors[:, channel.own] = [
+            f * model(height, gap) if a in channel.axes else 0.0 for a, f in enumerate(fans)
+        ]
         regressors[2, at.THRUST], regressors[2, at.INFLOW] = -2.0 * THRUST_N, 0.0
         seen = []
         for axis, row in zip(
-            channel.axes, rows(channel, regressors, place_of(around(height, gap)), RADIUS_M), strict=True
+            channel.axes,
+            rows(channel, regressors, place_of(around(height, gap)), RADIUS_M),
+            strict=True,
         ):
             sd = SIGMA_N * (RADIUS_M if axis > 2 else 1.0)
-            seen.append((fans[axis] * true(height, gap) + sd * random.normal(), row, _ALIKE * sd**2))
+            seen.append(
+                (fans[axis] * true(height, gap) + sd * random.normal(), row, _ALIKE * sd**2)
+            )
         told = learn(channel, told, 0.2, seen)
     return told
 
@@ -83,12 +91,16 @@ def compensated(channel: judge.Channel, told: Belief, model: Law, height: float)
         (lambda h, _: 0.2 / (1.0 + (h - 2.5) ** 2), False),
     ],
 )  # fmt: skip
-def test_a_model_is_believed_where_it_predicts_and_what_is_compensated_is_right_in_any_case(name, model, right):
+def test_a_model_is_believed_where_it_predicts_and_what_is_compensated_is_right_in_any_case(
+    name, model, right
+):
     channel = CHANNELS[("lift", "pull", "tilt").index(name)]
     told = flown(channel, ground, model)
     assert (told.probability > 0.5) == right
     for height in (1.2, 1.5, 2.0):
-        assert compensated(channel, told, model, height) == pytest.approx(ground(height, 0.5), abs=0.012)
+        assert compensated(channel, told, model, height) == pytest.approx(
+            ground(height, 0.5), abs=0.012
+        )
 
 
 def test_a_right_model_loses_next_to_nothing_in_its_first_approach():
@@ -114,7 +126,10 @@ def test_a_load_is_no_ground_effect():
     channel, told = CHANNELS[0], flown(CHANNELS[0], ground, ground)
     before = compensated(channel, told, ground, 1.2)
     regressors = np.zeros((5, len(TABLE)))
-    regressors[2, at.LIFT], regressors[2, at.THRUST] = -2.0 * THRUST_N * ground(1.2, 0.5), -2.0 * THRUST_N
+    regressors[2, at.LIFT], regressors[2, at.THRUST] = (
+        -2.0 * THRUST_N * ground(1.2, 0.5),
+        -2.0 * THRUST_N,
+    )
     (row,) = rows(channel, regressors, place_of(around(1.2, 0.5)), RADIUS_M)
     for _ in range(100):
         value = regressors[2, at.LIFT] + 4.0
@@ -150,7 +165,13 @@ def test_nothing_is_changed_in_place():
 
 
 def test_cells_interpolate_and_add_up_to_one():
-    for height, gap in ((0.3, 0.1), (1.3, 0.9), (HEIGHTS[2], GAPS[1]), (9.0, 0.5), (math.inf, math.inf)):
+    for height, gap in (
+        (0.3, 0.1),
+        (1.3, 0.9),
+        (HEIGHTS[2], GAPS[1]),
+        (9.0, 0.5),
+        (math.inf, math.inf),
+    ):
         found = MAP.cells(height, gap)
         assert sum(weight for _, weight in found) == pytest.approx(1.0)
         assert all(0 <= k < CELLS and weight >= 0.0 for k, weight in found)

@@ -36,7 +36,9 @@ QUAD = load_vehicle(models.__file__.replace("models/__init__.py", "companion/veh
 SIZES = at.FIRST_EFFECT
 
 
-def parts_at(vehicle: Vehicle, model: object, h: np.ndarray, d: np.ndarray, rpm: np.ndarray, bearing: float) -> Parts:
+def parts_at(
+    vehicle: Vehicle, model: object, h: np.ndarray, d: np.ndarray, rpm: np.ndarray, bearing: float
+) -> Parts:
     near = model.query(h, d, rpm).wrench  # type: ignore[attr-defined]
     free = model.query(np.full_like(h, np.inf), np.full_like(d, np.inf), rpm).wrench  # type: ignore[attr-defined]
     radius = vehicle.rotor_radius_m
@@ -63,7 +65,9 @@ def moment() -> tuple[Parts, np.ndarray, np.ndarray, Block, Context]:
     """A random instant of the tandem beside a wall, in both forms."""
     model, bearing = models.load(), float(RNG.uniform(-1, 1))
     h, d, rpm = RNG.uniform(0.2, 0.5, 2), RNG.uniform(0.1, 0.4, 2), RNG.uniform(3700, 4300, 2)
-    rotation = rotation_from_quaternion(quaternion_from_euler(*RNG.uniform(-0.2, 0.2, 2), RNG.uniform(-3, 3)))
+    rotation = rotation_from_quaternion(
+        quaternion_from_euler(*RNG.uniform(-0.2, 0.2, 2), RNG.uniform(-3, 3))
+    )
     velocity, servo = RNG.normal(size=3), np.full(16, np.nan)
     servo[4:6] = RNG.uniform(1400, 1600, 2)
     parts = parts_at(TANDEM, model, h, d, rpm, bearing)
@@ -83,9 +87,15 @@ def test_modelled_and_measured_are_those_of_diagnosis():
     for _ in range(5):
         _, rotation, _, block, ctx = moment()
         seen = block_residual(block, TANDEM, rotation, bearing_of(ctx), SIZES)
-        assert np.allclose(seen.modelled, modelled_wrench(TANDEM, ctx.model, ctx.state)[:5], atol=1e-9)  # type: ignore[arg-type]
+        assert np.allclose(
+            seen.modelled, modelled_wrench(TANDEM, ctx.model, ctx.state)[:5], atol=1e-9
+        )  # type: ignore[arg-type]
         told = measured_wrench(
-            block.motion[:3], block.motion[3:6], np.full(3, 1.0), TANDEM.mass_kg, TANDEM.inertia_kgm2
+            block.motion[:3],
+            block.motion[3:6],
+            np.full(3, 1.0),
+            TANDEM.mass_kg,
+            TANDEM.inertia_kgm2,
         )  # the rates of the block rise by 0.2 in 0.2 s
         assert np.allclose(seen.residual + seen.modelled, told[:5], atol=1e-9)
 
@@ -125,7 +135,9 @@ def test_drag_above_is_the_arm_of_the_drag():
     _, rotation, _, block, ctx = moment()
     rows = block_residual(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors
     at_half = get("rotor_drag").regressors(ctx, (0.5,))[:5, 0]
-    assert rows[:, at.DRAG] + 0.5 * rows[:, at.DRAG_ARM] == pytest.approx(at_half, rel=0.02, abs=1e-3)
+    assert rows[:, at.DRAG] + 0.5 * rows[:, at.DRAG_ARM] == pytest.approx(
+        at_half, rel=0.02, abs=1e-3
+    )
 
 
 def test_the_parts_add_up_to_the_whole():
@@ -133,7 +145,9 @@ def test_the_parts_add_up_to_the_whole():
     whole = modelled_wrench(TANDEM, ctx.model, replace(ctx.state, servo_us=np.full(16, 1500.0)))  # type: ignore[arg-type]
     near, free = parts.at_fans
     rows = about_cg(TANDEM, (near - free).tolist(), bearing_of(ctx))
-    assert np.allclose(np.sum([*rows, *about_cg(TANDEM, free.tolist(), bearing_of(ctx))], axis=0), whole, atol=1e-9)
+    assert np.allclose(
+        np.sum([*rows, *about_cg(TANDEM, free.tolist(), bearing_of(ctx))], axis=0), whole, atol=1e-9
+    )
     lift, pull, tilt = np.array(rows)
     assert lift[0] == lift[1] == 0.0
     assert pull[2] == 0.0
@@ -149,12 +163,20 @@ def test_a_quadrotors_moments_are_seen_unless_its_outputs_are_copies_of_one_numb
     assert np.isfinite(seen.residual[3:]).all() == (apart > 0.0)
 
 
-def imu(t: float, f: tuple[float, float, float], w: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Imu:
+def imu(
+    t: float, f: tuple[float, float, float], w: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Imu:
     return Imu(t, 1, 1, f, w, "HIGHRES_IMU")
 
 
 def test_the_lag_delays_a_ramp_by_what_it_says():
-    parts = Parts(np.zeros((2, 2, 6)), np.zeros((0, 6)), 70.0, 0.0, FanPlaces((9.0,) * 2, (9.0,) * 2, (20.0,) * 2))
+    parts = Parts(
+        np.zeros((2, 2, 6)),
+        np.zeros((0, 6)),
+        70.0,
+        0.0,
+        FanPlaces((9.0,) * 2, (9.0,) * 2, (20.0,) * 2),
+    )
     block = begin(imu(0.0, (0.0, 0.0, 0.0)))
     for k in range(1, 101):
         block = add(block, imu(0.02 * k, (0.02 * k, 0.0, 0.0)), parts, (0.0, 0.0, 0.0), ())

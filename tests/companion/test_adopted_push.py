@@ -39,7 +39,9 @@ def state(gap_m: float = np.inf, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)
 
 
 def push(effects, *args, **kwargs):
-    return adopted_disturbance(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, DAMPING_1_S)
+    return adopted_disturbance(
+        MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, DAMPING_1_S
+    )
 
 
 def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
@@ -49,7 +51,14 @@ def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
 
 
 def test_a_steady_wind_is_compensated_whatever_the_vehicle_does():
-    blows = {"north": 3.0, "east": 0.0, "own_motion": 1.0, "turning": 1.0, "sinking": 0.4, "above_radii": 0.0}
+    blows = {
+        "north": 3.0,
+        "east": 0.0,
+        "own_motion": 1.0,
+        "turning": 1.0,
+        "sinking": 0.4,
+        "above_radii": 0.0,
+    }
     wind = (adopted("wind", blows),)
     still, moving = push(wind), push(wind, velocity=(2.0, 1.0, 0.0), rates=(0.0, 0.0, 1.0))
     assert still[0] > 0.1
@@ -86,7 +95,9 @@ def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold
 def test_the_pull_of_an_adopted_wall_counts_towards_the_bound_of_the_feed_forward(gap_radii: float):
     """Pull p T exp(-d/L): less a step further off by p T (1 - exp(-step/L)) exp(-d/L)."""
     length, pull, step = 0.7, 0.2, 0.02
-    model = MODEL.with_effects((adopted("wall_effect", {"pull": pull, "tilt": 0.0, "length_radii": length}),))
+    model = MODEL.with_effects(
+        (adopted("wall_effect", {"pull": pull, "tilt": 0.0, "length_radii": length}),)
+    )
     gap = gap_radii * VEHICLE.rotor_radius_m
     beside = replace(state(), d_m=np.full(len(VEHICLE.fans), gap), wall_bearing_rad=np.array(0.8))
     thrust = len(VEHICLE.fans) * float(MODEL.wrench(np.inf, np.inf, 4000.0)[2])

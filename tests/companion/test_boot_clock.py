@@ -59,7 +59,9 @@ def test_a_link_that_falls_behind_stays_late_and_so_does_a_clock_that_was_set_ba
 
 
 @pytest.mark.parametrize("set_back", [False, True], ids=["stood still", "was set back"])
-@pytest.mark.parametrize(("under_way_s", "late_s", "stood_s"), [(0.02, 0.0, 0.57), (0.59, 0.57, 0.0)])
+@pytest.mark.parametrize(
+    ("under_way_s", "late_s", "stood_s"), [(0.02, 0.0, 0.57), (0.59, 0.57, 0.0)]
+)
 def test_a_round_trip_tells_a_clock_that_stood_still_from_a_link_that_fell_behind(
     under_way_s, late_s, stood_s, set_back
 ):
@@ -163,7 +165,10 @@ def test_another_vehicle_does_not_move_the_axis():
 
 
 stamps = st.tuples(
-    st.integers(0, 2**32 - 1), st.integers(0, 2**63), st.sampled_from([0, 1, 2, 158]), st.sampled_from(list(Stamp))
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**63),
+    st.sampled_from([0, 1, 2, 158]),
+    st.sampled_from(list(Stamp)),
 )
 
 

@@ -27,7 +27,13 @@ def test_a_case_repeats_itself():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["px4_excursion_then_offboard", "px4_default_hover_thrust", "ap_kill_at_wall", "ap_body_offset"]
+    "name",
+    [
+        "px4_excursion_then_offboard",
+        "px4_default_hover_thrust",
+        "ap_kill_at_wall",
+        "ap_body_offset",
+    ],
 )
 def test_what_crashed_a_real_firmware_touches_nothing(name):
     outcome = firmware_cases.fly_one(name, 1, None, None)

@@ -35,7 +35,9 @@ def hover(p: CasePilot) -> Iterator[float]:
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dry run under a simulated ArduPilot, from boot to a hover at 1.5 m."""
     path = tmp_path_factory.mktemp("check") / "hover.tlog"
-    fly_audited(Case("hover", "hover", hover, parameters={"GUID_TIMEOUT": 0.5}), record=path, dry_run=True)
+    fly_audited(
+        Case("hover", "hover", hover, parameters={"GUID_TIMEOUT": 0.5}), record=path, dry_run=True
+    )
     return path
 
 
@@ -69,9 +71,15 @@ def checked(heard: Listener, **setup: Any) -> dict[str, Item]:
 def test_a_good_flight_passes_every_item(heard):
     found = checked(heard)
     assert {name for name, item in found.items() if item.verdict is not Verdict.PASS} == set()
-    assert {"autopilot", "GUID_OPTIONS", "range 25", "range 2", "rotor speeds", "lift in hover", "hover thrust"} <= set(
-        found
-    )
+    assert {
+        "autopilot",
+        "GUID_OPTIONS",
+        "range 25",
+        "range 2",
+        "rotor speeds",
+        "lift in hover",
+        "hover thrust",
+    } <= set(found)
 
 
 def drop(_: Any) -> bool:
@@ -149,7 +157,10 @@ def test_a_key_that_nothing_is_signed_with_fails_and_a_record_folder_that_is_non
     good = checked(heard, live=True, record=tmp_path)
     assert good["record"].verdict is Verdict.PASS
     assert not list(tmp_path.iterdir()), "the probe is gone"
-    assert checked(heard, live=True, record=tmp_path / "no" / "f.tlog")["record"].verdict is Verdict.FAIL
+    assert (
+        checked(heard, live=True, record=tmp_path / "no" / "f.tlog")["record"].verdict
+        is Verdict.FAIL
+    )
     assert checked(heard, live=True)["record"].verdict is Verdict.WARN
 
 
@@ -168,14 +179,20 @@ def test_the_command_reads_a_log(flight, capsys):
     assert "none.tlog" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("options", "code"), [(8.0, 0), pytest.param(0.0, 1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("options", "code"), [(8.0, 0), pytest.param(0.0, 1, marks=pytest.mark.slow)]
+)
 def test_the_command_listens_to_a_link_and_sends_no_setpoint(options, code):
     port = free_port()
     command = ["--check", "--connect", f"udp:127.0.0.1:{port}", "--duration", "4", "--json", "-"]
     parameters = {"GUID_OPTIONS": options, "GUID_TIMEOUT": 0.5}
     with FakeAutopilot(port, parameters=parameters) as autopilot:
         run = subprocess.run(
-            [sys.executable, "-m", "companion", *command], capture_output=True, text=True, timeout=60, check=False
+            [sys.executable, "-m", "companion", *command],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
         )
         assert not autopilot.of_type("SET_ATTITUDE_TARGET")
         assert not autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED")
@@ -210,7 +227,11 @@ def test_poses_of_a_camera_are_named_where_they_are_not_flown_by(flight):
             if k % 100 == 99:
                 for message in (place, pose):
                     listener.hear(arrival_us, cut(bytes(message.pack(link)), 0))
-        return [i for i in items(listener, CheckSetup(OWN, "vehicle", live=False)) if i.name == "position"]
+        return [
+            i
+            for i in items(listener, CheckSetup(OWN, "vehicle", live=False))
+            if i.name == "position"
+        ]
 
     left_out, good = found(position=True)
     assert left_out.verdict is Verdict.WARN

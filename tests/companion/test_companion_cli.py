@@ -14,7 +14,11 @@ from companion.vehicles import QUAD, TANDEM
 
 def companion(*arguments, timeout=60):
     return subprocess.run(
-        [sys.executable, "-m", "companion", *arguments], capture_output=True, text=True, timeout=timeout, check=False
+        [sys.executable, "-m", "companion", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
     )
 
 
@@ -72,7 +76,11 @@ def test_wrong_arguments_are_one_line(arguments, code, words, capsys):
         returned = main(arguments)
     except SystemExit as stop:
         returned = stop.code
-    one_line(subprocess.CompletedProcess(arguments, returned, stderr=capsys.readouterr().err), code, *words)
+    one_line(
+        subprocess.CompletedProcess(arguments, returned, stderr=capsys.readouterr().err),
+        code,
+        *words,
+    )
 
 
 def test_unknown_options_are_the_parsers_business():
@@ -100,7 +108,9 @@ def test_a_vehicle_file_with_a_typo_names_the_key(tmp_path, before, after, words
     assert before in text
     path = tmp_path / "typo.toml"
     path.write_text(text.replace(before, after, 1))
-    one_line(companion("--connect", "udp:127.0.0.1:5", "--vehicle", str(path)), 2, "typo.toml", *words)
+    one_line(
+        companion("--connect", "udp:127.0.0.1:5", "--vehicle", str(path)), 2, "typo.toml", *words
+    )
 
 
 def test_a_model_of_another_schema_is_refused(tmp_path):
@@ -118,7 +128,15 @@ def test_a_port_in_use_is_exit_code_4():
 @pytest.mark.slow
 def test_a_vehicle_that_is_never_heard_is_exit_code_4_and_said(tmp_path):
     report = tmp_path / "report.json"
-    run = companion("--connect", f"udp:127.0.0.1:{free_port()}", "--duration", "1.5", "--quiet", "--json", str(report))
+    run = companion(
+        "--connect",
+        f"udp:127.0.0.1:{free_port()}",
+        "--duration",
+        "1.5",
+        "--quiet",
+        "--json",
+        str(report),
+    )
     one_line(run, 4, "nothing was heard")
     assert json.loads(report.read_text())["system"] is None
 
@@ -142,7 +160,9 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
         finally:
             process.kill()
         time.sleep(0.1)
-        assert autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED"), "it hands back with a position target"
+        assert autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED"), (
+            "it hands back with a position target"
+        )
     assert process.returncode == 130
     assert "Traceback" not in err
     assert "companion: connected to system 1 (ardupilot)" in err.splitlines()
@@ -160,20 +180,32 @@ def test_a_model_of_another_fan_is_refused_in_flight():
 def test_another_vehicle_flies_without_a_model(options, said):
     with FakeAutopilot(port := free_port()) as autopilot:
         run = companion(
-            "--connect", f"udpin:127.0.0.1:{port}", "--vehicle", str(QUAD), "--duration", "3", "--json", "-", *options
+            "--connect",
+            f"udpin:127.0.0.1:{port}",
+            "--vehicle",
+            str(QUAD),
+            "--duration",
+            "3",
+            "--json",
+            "-",
+            *options,
         )
         assert autopilot.received
     assert run.returncode == 0, run.stderr
     assert said in run.stderr
     assert ("another fan" in run.stderr) is bool(said)
-    assert json.loads(run.stdout)["thrust"] is None or json.loads(run.stdout)["thrust"]["max"] == 0.0
+    assert (
+        json.loads(run.stdout)["thrust"] is None or json.loads(run.stdout)["thrust"]["max"] == 0.0
+    )
 
 
 def test_an_odd_vehicle_file_is_flown_and_said(tmp_path):
     odd = tmp_path / "odd.toml"
     odd.write_text(TANDEM.read_text().replace("[0.0, 0.0, 0.05]", "[0.0, 0.0, -0.05]"))
     with FakeAutopilot(port := free_port()):
-        run = companion("--connect", f"udpin:127.0.0.1:{port}", "--vehicle", str(odd), "--duration", "1")
+        run = companion(
+            "--connect", f"udpin:127.0.0.1:{port}", "--vehicle", str(odd), "--duration", "1"
+        )
     assert run.returncode == 0
     assert "odd.toml" in run.stderr
     assert "z is positive down" in run.stderr

@@ -22,13 +22,26 @@ NOWHERE = Surface(Seen.UNDECLARED)
 
 def wanted(lost: float, base_thrust: float = 0.5) -> Offset:
     """With a model that says that the surroundings take this share of the lift in free air."""
-    push = Disturbance((0.0, 0.0, lost * FREE_N, 0.0, 0.0, 0.0), FREE_N, 1.0, 1.0, (), (), NOWHERE, NOWHERE, NOWHERE)
+    push = Disturbance(
+        (0.0, 0.0, lost * FREE_N, 0.0, 0.0, 0.0),
+        FREE_N,
+        1.0,
+        1.0,
+        (),
+        (),
+        NOWHERE,
+        NOWHERE,
+        NOWHERE,
+    )
     return wanted_offset(push, None, CONFIG, THRUST, base_thrust, LEVEL, 0.02)[0]
 
 
 @pytest.mark.parametrize("base_thrust", [0.0, 0.3, 0.5, 0.9, 1.0])
 def test_more_suction_never_asks_for_less_thrust_and_never_for_more_than_there_is(base_thrust):
-    asked = [wanted(lost, base_thrust).thrust for lost in (-0.2, 0.0, 0.2, 0.5, 0.9, 0.999, 1.0, 1.01, 1.5, 10.0)]
+    asked = [
+        wanted(lost, base_thrust).thrust
+        for lost in (-0.2, 0.0, 0.2, 0.5, 0.9, 0.999, 1.0, 1.01, 1.5, 10.0)
+    ]
     assert asked == sorted(asked)
     assert asked[1] == 0.0
     assert asked[-1] <= 1.0 - base_thrust

@@ -32,7 +32,10 @@ def test_what_is_copied_is_there_and_not_kept_out() -> None:
 
 def test_all_that_the_package_is_built_from_is_copied(project: dict) -> None:
     about = project["project"]
-    packages = [pattern.rstrip("*") for pattern in project["tool"]["setuptools"]["packages"]["find"]["include"]]
+    packages = [
+        pattern.rstrip("*")
+        for pattern in project["tool"]["setuptools"]["packages"]["find"]["include"]
+    ]
     assert {"pyproject.toml", about["readme"], *about["license-files"], *packages} <= set(COPIED)
 
 

@@ -35,7 +35,11 @@ def drained(link) -> int:
 
 def test_a_server_answers_everyone_that_it_has_heard_and_one_that_cannot_be_reached_stops_no_other():
     port = free_port()
-    with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link, bound() as first, bound() as second:
+    with (
+        closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link,
+        bound() as first,
+        bound() as second,
+    ):
         link.send(*heartbeat())  # nobody is known yet
         frame = link.frame(*heartbeat())
         for peer in (first, second):

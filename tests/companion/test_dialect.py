@@ -44,7 +44,12 @@ def test_esc_status_is_decoded_and_requests_are_sent(dialect, parent_imported):
     environment = {**os.environ, "MAVLINK_DIALECT": dialect}
     program = _PROGRAM.format(parent_imported=parent_imported)
     answer = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert answer.stderr == ""
     assert answer.stdout.strip() == f"['Heartbeat', 'RotorSpeeds'] True {dialect}"
@@ -54,6 +59,11 @@ def test_a_dialect_that_does_not_exist_does_no_harm():
     environment = {**os.environ, "MAVLINK_DIALECT": "nonsense"}
     program = _PROGRAM.format(parent_imported=False)
     answer = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert answer.stdout.startswith("['Heartbeat', 'RotorSpeeds'] True"), answer.stderr

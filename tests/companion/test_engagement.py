@@ -62,7 +62,19 @@ class Flown:
 
     def target(self, mask, position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), frame=1, yaw=0.0):
         self.bench.feed(
-            SetPositionTarget(self.bench.t, 255, 190, mask, frame, position, velocity, (0.0, 0.0, 0.0), yaw, 1, 191)
+            SetPositionTarget(
+                self.bench.t,
+                255,
+                190,
+                mask,
+                frame,
+                position,
+                velocity,
+                (0.0, 0.0, 0.0),
+                yaw,
+                1,
+                191,
+            )
         )
 
 
@@ -81,7 +93,9 @@ def test_before_offboard_the_stream_has_no_place_and_the_hold_begins_at_the_swit
     flown.velocity, flown.yaw = np.array([0.5, 0.0, 0.0]), 0.7
     waiting = flown.run(1.0)[-1]
     assert flown.bench.state.hold is None
-    assert waiting.command.q_ned_frd == pytest.approx(quaternion_from_euler(0.0, 0.0, 0.7)), "level, own heading"
+    assert waiting.command.q_ned_frd == pytest.approx(quaternion_from_euler(0.0, 0.0, 0.7)), (
+        "level, own heading"
+    )
     assert waiting.command.thrust == pytest.approx(0.437, abs=0.002)
     assert waiting.offset.share == 0.0
     flown.velocity[:] = 0.0
@@ -193,7 +207,9 @@ def test_letting_go_leaves_no_tilt_behind_where_no_place_can_be_given():
         q = quaternion_from_euler(0.0, 0.0, 0.0)
         sent.append(b.feed(Attitude(b.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")))
     commands = [d.command for d in sent if d.command is not None]
-    hand_over = [d.command for d in sent if d.command is not None and Reason.POSITION_STALE in d.reasons]
+    hand_over = [
+        d.command for d in sent if d.command is not None and Reason.POSITION_STALE in d.reasons
+    ]
     assert sent[-1].command is None
     assert tilt_deg(commands[-1]) < 0.01
     assert max(abs(np.diff([tilt_deg(c) for c in hand_over]))) < 1.0
@@ -208,7 +224,9 @@ def test_thrust_does_not_leap_while_positions_are_late():
     for _ in range(24):
         b.t += 0.02
         b.feed(Heartbeat(b.t, 1, 1, True, 4, 3, 2))
-        decision = b.feed(Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
+        decision = b.feed(
+            Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")
+        )
         thrusts.append(decision.command.thrust)
     assert np.abs(np.diff(thrusts)).max() < 0.02
 
@@ -220,7 +238,9 @@ def test_positions_that_stop_while_the_autopilot_trusts_its_own_leave_it_the_pla
     for _ in range(60):
         b.t += 0.02
         b.feed(Heartbeat(b.t, 1, 1, True, 4, 3, 2))
-        decision = b.feed(Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
+        decision = b.feed(
+            Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")
+        )
         commands += [] if decision.command is None else [decision.command]
     assert isinstance(commands[0], AttitudeCommand)
     assert isinstance(commands[-1], PositionCommand)
@@ -230,7 +250,9 @@ def test_positions_that_stop_while_the_autopilot_trusts_its_own_leave_it_the_pla
 def test_a_hold_that_is_refused_tells_the_autopilot_where_to_stay():
     flown = Flown()
     flown.run(3.0)
-    flown.bench.feed(parameter(flown, "GUID_OPTIONS", 0.0))  # thrust would be a climb rate from now on
+    flown.bench.feed(
+        parameter(flown, "GUID_OPTIONS", 0.0)
+    )  # thrust would be a climb rate from now on
     command = flown.tick().command
     assert isinstance(command, PositionCommand)
     assert command.position_ned == pytest.approx((0.0, 0.0, -1.0), abs=0.01)
@@ -339,8 +361,13 @@ def test_velocity_targets_move_the_hold_while_they_last():
         for _ in range(5):
             flown.tick()
             reference = flown.bench.state.hold.reference
-            flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
-    assert flown.position[0] == pytest.approx(1.35, abs=0.1), "1.5 m less the start within the limits"
+            flown.position, flown.velocity = (
+                np.array(reference.position),
+                np.array(reference.velocity),
+            )
+    assert flown.position[0] == pytest.approx(1.35, abs=0.1), (
+        "1.5 m less the start within the limits"
+    )
     for _ in range(150):
         flown.tick()
         reference = flown.bench.state.hold.reference
@@ -359,7 +386,9 @@ def test_after_another_mode_it_holds_where_it_is_until_a_new_target_comes():
     flown.run(0.1)
     flown.bench.mode = 4
     assert max(tilt_deg(d.command) for d in flown.run(1.0, move=False)) < 0.5
-    assert flown.bench.state.hold.reference.position[0] == pytest.approx(flown.position[0], abs=0.01)
+    assert flown.bench.state.hold.reference.position[0] == pytest.approx(
+        flown.position[0], abs=0.01
+    )
 
 
 def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
@@ -383,7 +412,9 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
 
 @pytest.mark.parametrize("acceleration", [0.5, 2.0, 4.0])
 @pytest.mark.parametrize("speed", [0.5, 1.5, 4.0])
-@pytest.mark.parametrize(("way", "moving"), [(0.05, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.0), (8.0, 0.0)])
+@pytest.mark.parametrize(
+    ("way", "moving"), [(0.05, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.0), (8.0, 0.0)]
+)
 def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, moving, monkeypatch):
     """A centimetre too far is the wall's: the way ends on the target, and 5 cm are done in 1.2 s."""
     monkeypatch.setattr(position_target, "_FOLLOW_M", 0.0)
@@ -409,7 +440,10 @@ def test_the_limits_of_the_way_are_optional_keys_of_the_vehicle_file(tmp_path):
     assert load_vehicle(QUAD).limits.speed_m_s == 1.5
     path = tmp_path / "slow.toml"
     path.write_text(text + "speed_m_s = 0.4\nacceleration_m_s2 = 0.5\n")
-    assert (load_vehicle(path).limits.speed_m_s, load_vehicle(path).limits.acceleration_m_s2) == (0.4, 0.5)
+    assert (load_vehicle(path).limits.speed_m_s, load_vehicle(path).limits.acceleration_m_s2) == (
+        0.4,
+        0.5,
+    )
     path.write_text(text + "speed_m_s = 0.0\n")
     with pytest.raises(ConfigError, match="speed_m_s"):
         load_vehicle(path)

@@ -29,7 +29,21 @@ def turning(*speeds: tuple[float, ...], counts: tuple[int, ...] = (), first: int
 
 
 def beam(direction: tuple[float, float, float], distance_m: float, t_s: float = 10.0) -> Range:
-    return Range(t_s, 1, 1, direction, 0, 0, distance_m, 0.05, 8.0, None, None, RangeVerdict.OK, "DISTANCE_SENSOR")
+    return Range(
+        t_s,
+        1,
+        1,
+        direction,
+        0,
+        0,
+        distance_m,
+        0.05,
+        8.0,
+        None,
+        None,
+        RangeVerdict.OK,
+        "DISTANCE_SENSOR",
+    )
 
 
 def test_nothing_is_known_before_anything_is_heard() -> None:
@@ -46,7 +60,9 @@ def test_speeds_of_all_rotors_are_needed_and_grow_old() -> None:
     assert est.rotor_speeds(turning(*[(4000.0, 4000.0, 4000.0)] * 10), CONFIG, 10.5) is None
 
 
-@pytest.mark.parametrize("wrong", [0.0, -60_000.0], ids=["zero among others that turn", "faster than sound"])
+@pytest.mark.parametrize(
+    "wrong", [0.0, -60_000.0], ids=["zero among others that turn", "faster than sound"]
+)
 def test_a_speed_that_cannot_be_is_left_out(wrong: float) -> None:
     full = (4000.0,) * 4
     lost = turning(*[full] * 10, (wrong, *full[1:]))
@@ -58,7 +74,9 @@ def test_a_speed_whose_packet_count_stands_still_is_an_old_one() -> None:
     speeds = [(4000.0,) * 4] * 3
     held = turning(*speeds, (3000.0,) * 4, counts=(1, 2, 3, 3))
     assert held.rotors == turning(*speeds, counts=(1, 2, 3)).rotors
-    never = turning(*speeds, (3000.0,) * 4, counts=(7, 7, 7, 7))  # a counter that never moved counts nothing
+    never = turning(
+        *speeds, (3000.0,) * 4, counts=(7, 7, 7, 7)
+    )  # a counter that never moved counts nothing
     assert never.rotors != turning(*speeds, counts=(7, 7, 7)).rotors
 
 
@@ -99,7 +117,9 @@ def test_the_vehicles_own_velocity_is_the_rate_of_a_track() -> None:
     for k in range(10):
         sample = LocalPosition(b.t + 0.02 * k, 1, 1, (0.0, 0.0, -0.8), (0.0, 0.0, 0.3))
         estimates = est.take_position(estimates, sample)
-    assert est.surface(estimates, CONFIG, "ground", b.t + 0.18).rate_m_s == pytest.approx(-0.3, abs=0.05)
+    assert est.surface(estimates, CONFIG, "ground", b.t + 0.18).rate_m_s == pytest.approx(
+        -0.3, abs=0.05
+    )
 
 
 def test_a_position_that_is_set_anew_moves_no_surface() -> None:

@@ -13,7 +13,19 @@ def heard(bench: Bench, t_s: float, distance_m: float, verdict: RangeVerdict) ->
     sensor = next(s for s in CONFIG.vehicle.rangefinders if s.target == "wall")
     assert sensor.orientation == 2
     return Range(
-        t_s, 1, 1, RIGHT, 0, sensor.orientation, distance_m, 0.05, 40.0, None, None, verdict, "DISTANCE_SENSOR"
+        t_s,
+        1,
+        1,
+        RIGHT,
+        0,
+        sensor.orientation,
+        distance_m,
+        0.05,
+        40.0,
+        None,
+        None,
+        verdict,
+        "DISTANCE_SENSOR",
     )
 
 
@@ -28,7 +40,9 @@ def test_far_ground_and_sky_in_turn_are_no_stale_wall(period_s):
         t += 0.02
         ground = int(k * 0.02 / period_s) % 2 == 0
         verdict = RangeVerdict.OK if ground else RangeVerdict.ABOVE_MAX
-        estimates = take_range(estimates, heard(bench, t, 28.0 if ground else 60.0, verdict), CONFIG)
+        estimates = take_range(
+            estimates, heard(bench, t, 28.0 if ground else 60.0, verdict), CONFIG
+        )
         if k > 50:
             seen.add(surface(estimates, CONFIG, "wall", t).seen)
     assert seen == {Seen.NOTHING}

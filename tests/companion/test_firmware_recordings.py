@@ -48,13 +48,21 @@ def stepped(shared_data: Path, name: str):
 
 def flown(decisions: list[Decision]) -> list[Decision]:
     """Those that compensate or hold, in a mode that listens."""
-    return [d for d in decisions if Reason.WRONG_MODE not in d.reasons and isinstance(d.command, AttitudeCommand)]
+    return [
+        d
+        for d in decisions
+        if Reason.WRONG_MODE not in d.reasons and isinstance(d.command, AttitudeCommand)
+    ]
 
 
 def test_px4_excursion_before_offboard(shared_data):
     """The pilot was 4 m away when he switched: nothing leads back to where the companion was started."""
     decisions = recording(shared_data, "px4/crash_hold_engaged_before_offboard", begun=True)
-    waiting = [d for d in decisions if Reason.WRONG_MODE in d.reasons and d.command is not None and d.t_s < 36.0]
+    waiting = [
+        d
+        for d in decisions
+        if Reason.WRONG_MODE in d.reasons and d.command is not None and d.t_s < 36.0
+    ]
     assert len(waiting) > 100, "OFFBOARD needs a stream"
     for decision in waiting:
         w, x, y, z = decision.command.q_ned_frd
@@ -92,7 +100,9 @@ def test_px4_stall(shared_data):
 def test_ardupilot_slow_loop_with_positions_at_10_hz(shared_data):
     """The recorded swing that ended on the ground is noticed; gains soften step by step, then the hold lets go."""
     decisions = recording(shared_data, "ardupilot/crash_slow_loop_10hz_position")
-    softened = {d.notice[1] for d in decisions if d.notice is not None and d.notice[0] is Notice.SOFTENED}
+    softened = {
+        d.notice[1] for d in decisions if d.notice is not None and d.notice[0] is Notice.SOFTENED
+    }
     assert 1 <= len(softened) <= 6
     assert any(Reason.SWINGING in d.reasons for d in decisions)
 
@@ -109,14 +119,20 @@ def test_a_good_flight_is_not_taken_for_a_swing(shared_data, name):
     decisions = recording(shared_data, name)
     assert len(flown(decisions)) > 1000
     assert not any(Reason.SWINGING in d.reasons for d in decisions)
-    assert all(d.tuned.margin.meets(Margin(1.5, 17.0)) for d in decisions if d.tuned is not None and not d.late_s > 0.1)
+    assert all(
+        d.tuned.margin.meets(Margin(1.5, 17.0))
+        for d in decisions
+        if d.tuned is not None and not d.late_s > 0.1
+    )
 
 
 def test_ardupilot_thrust_as_climb_rate_until_the_option_is_set(shared_data):
     first = recording(shared_data, "ardupilot/crash_body_frame_target", begun=True)[-1]
     assert flown([first])
     assert first.t_s >= 54.0, "GUID_OPTIONS is 0 until then"
-    assert first.command.thrust == pytest.approx(0.437, abs=0.01), "flown then: 0.436; MOT_THST_HOVER says 0.39"
+    assert first.command.thrust == pytest.approx(0.437, abs=0.01), (
+        "flown then: 0.436; MOT_THST_HOVER says 0.39"
+    )
 
 
 @pytest.mark.slow

@@ -30,7 +30,9 @@ class Run:
         if upstream_port is not None:
             self.upstream = open_link(f"udpin:127.0.0.1:{upstream_port}", arrivals, number=1)
         self.recorder = None if record is None else Recorder(record)
-        self.flight = Flight(config, self.link, self.upstream, self.recorder, arrivals, options or FlightOptions())
+        self.flight = Flight(
+            config, self.link, self.upstream, self.recorder, arrivals, options or FlightOptions()
+        )
         self.thread = threading.Thread(target=self.flight.run, daemon=True)
 
     def __enter__(self):
@@ -57,7 +59,12 @@ def test_it_connects_asks_and_compensates():
         asked = {int(m.param1) for m in autopilot.of_type("COMMAND_LONG") if m.command == 511}
         names = {m.name for m in autopilot.wait_for("NAMED_VALUE_FLOAT", 12)}
         texts = [m.text for m in autopilot.wait_for("STATUSTEXT")]
-    assert (beats[-1].get_srcSystem(), beats[-1].get_srcComponent(), beats[-1].type, beats[-1].autopilot) == (
+    assert (
+        beats[-1].get_srcSystem(),
+        beats[-1].get_srcComponent(),
+        beats[-1].type,
+        beats[-1].autopilot,
+    ) == (
         1,
         191,
         18,
@@ -168,7 +175,11 @@ def test_an_upstream_controller_is_forwarded_and_hears_the_vehicle():
         controller.silent = True
         end = time.monotonic() + 40.0
         while time.monotonic() < end and len(autopilot.of_type("SET_ATTITUDE_TARGET")) < 150:
-            controller.send(controller._mav.set_attitude_target_encode(0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5))
+            controller.send(
+                controller._mav.set_attitude_target_encode(
+                    0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5
+                )
+            )
             time.sleep(0.02)
         setpoints = autopilot.of_type("SET_ATTITUDE_TARGET")
         assert len(setpoints) >= 100
@@ -215,7 +226,8 @@ def test_a_port_in_use_is_one_line():
 
 
 @pytest.mark.parametrize(
-    "endpoint", ["udpx:1.2.3.4:5", "14550", "udp:nohost", "udp:127.0.0.1:notaport", "udp::14550", ""]
+    "endpoint",
+    ["udpx:1.2.3.4:5", "14550", "udp:nohost", "udp:127.0.0.1:notaport", "udp::14550", ""],
 )
 def test_an_unknown_endpoint_is_one_line(endpoint):
     with pytest.raises(ConfigError, match="endpoint"):

@@ -35,14 +35,20 @@ def shares(rows) -> np.ndarray:
 
 def stated(rows) -> np.ndarray:
     air = flow_air()
-    found = [air.increments(h / RADIUS_M, d / RADIUS_M) for h, d in zip(rows.h, rows.d, strict=True)]
+    found = [
+        air.increments(h / RADIUS_M, d / RADIUS_M) for h, d in zip(rows.h, rows.d, strict=True)
+    ]
     return np.array([(i.x, i.z, i.my) for i in found])
 
 
 def test_at_its_own_places_it_is_the_flow_simulation_and_at_the_others_near_it():
-    own, other = (half(SET, which).take(half(SET, which).rpm == 4000.0) for which in (AIR_HALF, "odd"))
+    own, other = (
+        half(SET, which).take(half(SET, which).rpm == 4000.0) for which in (AIR_HALF, "odd")
+    )
     assert stated(own) == pytest.approx(shares(own), abs=2e-3)
-    wrong = np.sqrt(np.mean((stated(other) - shares(other)) ** 2, axis=0) / np.mean(shares(other) ** 2, axis=0))
+    wrong = np.sqrt(
+        np.mean((stated(other) - shares(other)) ** 2, axis=0) / np.mean(shares(other) ** 2, axis=0)
+    )
     assert (wrong > 0.03).all()
     assert (wrong < 0.3).all()
 
@@ -75,7 +81,9 @@ def test_any_vehicle_flies_in_it(vehicle):
     body.position[2] = -(1.5 * vehicle.rotor_radius_m)
     body.rpm = [3000.0] * len(body.rpm)
     body.step([1500.0] * 16)
-    assert body.causes.corner[2] / body.causes.free[2] == pytest.approx(body.law.increments(1.5, math.inf).z, rel=0.15)
+    assert body.causes.corner[2] / body.causes.free[2] == pytest.approx(
+        body.law.increments(1.5, math.inf).z, rel=0.15
+    )
 
 
 def test_a_flight_takes_any_law():

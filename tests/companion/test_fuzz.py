@@ -45,7 +45,11 @@ def run(pieces: list[bytes]) -> int:
 @given(st.lists(st.binary(max_size=300), max_size=10))
 @settings(max_examples=60, deadline=None)
 def test_any_bytes_between_a_sound_flight(junk):
-    pieces = [part for k, some in enumerate(junk) for part in (some, sound_flight(2 * k), sound_flight(2 * k + 1))]
+    pieces = [
+        part
+        for k, some in enumerate(junk)
+        for part in (some, sound_flight(2 * k), sound_flight(2 * k + 1))
+    ]
     run(pieces)
 
 
@@ -91,8 +95,14 @@ def test_numbers_that_a_damaged_log_holds_are_none_without_a_warning():
     signalling = np.array([0x7F800001, 0x3F800000], np.uint32).view(np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert np.isnan(quaternions(np.array([[np.inf, 0.0, 0.0], [0.1, 0.2, -np.inf]]))).all(axis=1).all()
-        assert np.isnan(unflipped(np.array([[np.inf, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, np.nan]]))).all()
+        assert (
+            np.isnan(quaternions(np.array([[np.inf, 0.0, 0.0], [0.1, 0.2, -np.inf]])))
+            .all(axis=1)
+            .all()
+        )
+        assert np.isnan(
+            unflipped(np.array([[np.inf, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, np.nan]]))
+        ).all()
         column = Messages("any", np.zeros(2), {"value": signalling}).column("value")
     assert np.isnan(column[0])
     assert column[1] == 1.0
@@ -113,6 +123,8 @@ def test_a_ulg_whose_last_length_points_beyond_its_end_is_refused_and_read_no_lo
     formats = [record for record in sound.definitions if record[2] == ord("F")]
     long = struct.pack("<HB", 200, ord("F")) + b"x:" + bytes(198)
     path = tmp_path / "flight.ulg"
-    path.write_bytes(sound.head + b"".join(formats) + 320 * long + struct.pack("<HB", 60_000, 1) + bytes(10))
+    path.write_bytes(
+        sound.head + b"".join(formats) + 320 * long + struct.pack("<HB", 60_000, 1) + bytes(10)
+    )
     with pytest.raises(LogError, match="leads in circles"):
         load(path)

@@ -35,7 +35,9 @@ def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
     assert kinds.count("SET_POSITION_TARGET_LOCAL_NED") >= 5, "one lost message must not matter"
     assert (places[-1].x, places[-1].y, places[-1].z) == pytest.approx((0.0, 0.0, -0.3), abs=0.02)
     assert places[-1].target_component == 1
-    assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176], "the mode is not ours"
+    assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176], (
+        "the mode is not ours"
+    )
 
 
 @pytest.mark.slow
@@ -62,7 +64,9 @@ def test_the_second_process_speaks_once_the_first_is_dead_and_only_then():
             f"w.renew(b'stay here', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
             "print(w.pid, flush=True); time.sleep(60)\n"
         )
-        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+        with subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+        ) as parent:
             child = int(parent.stdout.readline())
             time.sleep(0.3)
             vehicle.setblocking(False)
@@ -132,7 +136,9 @@ def test_an_orderly_end_says_nothing_more():
 @pytest.mark.parametrize(("lean", "off"), [(-0.1, 0.0556), (-2.0, 0.15), (0.3, 0.0)])
 def test_the_place_at_the_end_is_off_the_wall_by_what_the_autopilots_controller_sags(lean, off):
     """Never towards the wall."""
-    assert held_off((1.0, 2.0, -3.0), (0.5, lean), (0.0, 1.0)) == pytest.approx((1.0, 2.0 - off, -3.0), abs=1e-3)
+    assert held_off((1.0, 2.0, -3.0), (0.5, lean), (0.0, 1.0)) == pytest.approx(
+        (1.0, 2.0 - off, -3.0), abs=1e-3
+    )
 
 
 def test_a_killed_companion_leaves_the_autopilot_holding_its_place():

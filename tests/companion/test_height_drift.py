@@ -60,7 +60,9 @@ class Held:
         place = (0.0, self.east_m_s * self.t, self.down + off + of_estimate)
         raw = LocalPosition(self.t, 1, 1, place, (0.0, self.east_m_s, self.sinks + rate))
         self.drift, flown = hear(self.drift, raw)
-        surface = Surface(Seen.SURFACE, -self.down - self.ground(self.t) + of_range, stepped_s=self.stepped_s)
+        surface = Surface(
+            Seen.SURFACE, -self.down - self.ground(self.t) + of_range, stepped_s=self.stepped_s
+        )
         self.drift = compare(self.drift, surface, flown)
         if self.flies:
             wanted = 3.0 * (-HEIGHT_M - flown.position_ned[2])
@@ -78,7 +80,9 @@ def ramp(rate: float, start_s: float = 2.0, end_s: float = math.inf) -> Callable
 
 @pytest.mark.parametrize("velocity_too", [False, True])
 @pytest.mark.parametrize("rate", [-0.05, -0.1, -0.25])
-def test_an_estimate_that_climbs_alone_is_noticed_and_the_vehicle_is_held_up_by_the_range(rate, velocity_too):
+def test_an_estimate_that_climbs_alone_is_noticed_and_the_vehicle_is_held_up_by_the_range(
+    rate, velocity_too
+):
     held = Held(ramp(rate), velocity_too).run(15.0)
     assert held.noticed_s is not None
     assert held.noticed_s - 2.0 < max(0.3 / abs(rate), 1.3)
@@ -149,7 +153,9 @@ def test_the_wander_and_noise_of_good_sensors_is_no_drift():
     rng, wander = random.Random(3), [0.0]
 
     def noise() -> tuple[float, float]:
-        wander[0] += -wander[0] * DT / 10.0 + 0.02 * math.sqrt(2.0 * DT / 10.0) * rng.gauss(0.0, 1.0)
+        wander[0] += -wander[0] * DT / 10.0 + 0.02 * math.sqrt(2.0 * DT / 10.0) * rng.gauss(
+            0.0, 1.0
+        )
         return rng.gauss(0.0, 0.01), wander[0]
 
     assert Held(noise=noise).run(300.0).noticed_s is None
@@ -161,7 +167,10 @@ def test_when_the_estimate_is_set_right_again_the_correction_goes_and_nothing_le
     last = held.flown[-1]
     held.run(1.0)
     assert held.drift.correction_m == pytest.approx(0.0, abs=0.05)
-    assert max(abs(b - a) for a, b in zip([last, *held.flown[300:]], held.flown[300:], strict=False)) < 0.03
+    assert (
+        max(abs(b - a) for a, b in zip([last, *held.flown[300:]], held.flown[300:], strict=False))
+        < 0.03
+    )
     held.run(10.0)
     assert not held.drift.drifts
     assert held.heights[-1] == pytest.approx(HEIGHT_M, abs=0.05)
@@ -189,7 +198,9 @@ def test_the_pilot_is_told_how_fast_it_drifts_and_offsets_go():
         b.estimate_above, b.height = 0.1 * DT * k, 0.3 + 0.001 * (k % 2)
         decision = b.tick()
     assert decision.reasons == (Reason.HEIGHT_DRIFTS,)
-    assert "height estimate drifts 0.1 m/s against the ground range" in said_of(b.state, decision)[0]
+    assert (
+        "height estimate drifts 0.1 m/s against the ground range" in said_of(b.state, decision)[0]
+    )
     for k in range(100, 130):
         b.estimate_above, b.height = 0.1 * DT * k, 0.3 + 0.001 * (k % 2)
         decision = b.tick()

@@ -69,7 +69,10 @@ class Wire:
 
     def __init__(self, px4: bool = False, **options: object) -> None:
         self.auditor = Auditor(vehicle("quad"), **options)  # type: ignore[arg-type]
-        self.us, self.mav = 1_700_000_000_000_000, mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.us, self.mav = (
+            1_700_000_000_000_000,
+            mavlink.MAVLink(None, srcSystem=1, srcComponent=1),
+        )
         self.px4 = px4
         self.down_cm, self.rpm = 40, 4000
         self.tick(mode=6 << 16 if px4 else 4)
@@ -82,7 +85,13 @@ class Wire:
         self.auditor.frame(self.us, FrameReader().feed(message.pack(self.mav))[0])
 
     def tick(
-        self, seconds: float = 0.02, *, mode: int = 4, armed: bool = True, landed: int = 2, **silent: bool
+        self,
+        seconds: float = 0.02,
+        *,
+        mode: int = 4,
+        armed: bool = True,
+        landed: int = 2,
+        **silent: bool,
     ) -> None:
         """All that the vehicle says, some time later."""
         self.us += round(seconds * 1e6)
@@ -97,16 +106,24 @@ class Wire:
         for sensor in vehicle("quad").rangefinders:
             cm = self.down_cm if sensor.orientation == 25 else 40
             if not silent.get("ranges"):
-                self.say(m.MAVLink_distance_sensor_message(ms, 5, 800, cm, 0, 0, sensor.orientation, 0))
+                self.say(
+                    m.MAVLink_distance_sensor_message(ms, 5, 800, cm, 0, 0, sensor.orientation, 0)
+                )
         if not silent.get("rotors"):
             count = [ms // 20 & 0xFFFF] * 4
-            self.say(m.MAVLink_esc_telemetry_1_to_4_message([20] * 4, [0] * 4, [0] * 4, [0] * 4, [self.rpm] * 4, count))
+            self.say(
+                m.MAVLink_esc_telemetry_1_to_4_message(
+                    [20] * 4, [0] * 4, [0] * 4, [0] * 4, [self.rpm] * 4, count
+                )
+            )
 
     def own(self, number: int, payload: bytes) -> None:
         raw = pack(number, payload, 1, 191, 0)
         self.auditor.frame(self.us, FrameReader().feed(raw)[0])
 
-    def attitude(self, roll: float = 0.05, thrust: float = 0.5, ms: int | None = None, scale: float = 1.0) -> None:
+    def attitude(
+        self, roll: float = 0.05, thrust: float = 0.5, ms: int | None = None, scale: float = 1.0
+    ) -> None:
         q = tuple(scale * c for c in quaternion_from_euler(roll, 0.0, 0.0))
         stamp = self.boot_ms if ms is None else ms
         self.own(*encode(AttitudeCommand(stamp / 1000.0, q, thrust), 1))  # type: ignore[arg-type]
@@ -250,8 +267,12 @@ def test_of_an_upstream_controller_only_what_is_added_is_ours():
         wire = Wire(hold=False)
         wire.tick()
         q = quaternion_from_euler(0.5, 0.0, 0.0)
-        upstream = mavlink.MAVLink_set_attitude_target_message(0, 1, 191, 7, list(q), 0.0, 0.0, 0.0, 1.0)
-        wire.auditor.frame(wire.us, FrameReader().feed(upstream.pack(mavlink.MAVLink(None, 255, 1)))[0])
+        upstream = mavlink.MAVLink_set_attitude_target_message(
+            0, 1, 191, 7, list(q), 0.0, 0.0, 0.0, 1.0
+        )
+        wire.auditor.frame(
+            wire.us, FrameReader().feed(upstream.pack(mavlink.MAVLink(None, 255, 1)))[0]
+        )
         wire.attitude(roll=0.5 + added, thrust=1.0)
         assert wire.broken() == expected
 

@@ -7,9 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.estimation.kalman import Outcome, Track, TrackModel, measure, measure_rate, predict, update
+from companion.estimation.kalman import (
+    Outcome,
+    Track,
+    TrackModel,
+    measure,
+    measure_rate,
+    predict,
+    update,
+)
 
-MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.1)
+MODEL = TrackModel(
+    acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.1
+)
 
 
 def settled(value=1.0, rate=0.0, delay=0.0, n=100):
@@ -100,7 +110,9 @@ def test_the_two_formulas_are_those_of_filterpy():
             np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-12)
         h, value, variance = rng.normal(size=2), float(rng.normal()), float(rng.uniform(1e-4, 1.0))
         after = update(ahead, value, variance, *h)
-        oracle = filterpy.update(*arrays(ahead), np.array([value]), np.array([[variance]]), h[None, :])
+        oracle = filterpy.update(
+            *arrays(ahead), np.array([value]), np.array([[variance]]), h[None, :]
+        )
         for ours, theirs in zip(arrays(after), oracle, strict=True):
             np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-12)
 

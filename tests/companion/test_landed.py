@@ -74,4 +74,7 @@ def test_a_disarmed_flag_is_obeyed_and_the_pilot_told_that_the_rotors_carry_it()
     b.armed = False
     decision = b.run(1.0)
     assert decision.command is None
-    assert "not armed, though the vehicle flies: nothing is sent, take over" in said_of(b.state, decision)[0]
+    assert (
+        "not armed, though the vehicle flies: nothing is sent, take over"
+        in said_of(b.state, decision)[0]
+    )

@@ -34,7 +34,9 @@ def heard(clock: BootClock, boot_ms: int, late_ms: int) -> float:
 
 def test_a_message_read_late_says_by_how_much():
     clock = BootClock(1)
-    assert [heard(clock, 20_000 + 20 * k, 0) for k in range(250)] == pytest.approx([0.0] * 250, abs=1e-3)
+    assert [heard(clock, 20_000 + 20 * k, 0) for k in range(250)] == pytest.approx(
+        [0.0] * 250, abs=1e-3
+    )
     late = [heard(clock, 25_000 + 20 * k, 600) for k in range(500)]
     assert min(late) > 0.58, "ten seconds of late data do not become the measure"
     assert heard(clock, 35_020, 0) == pytest.approx(0.0, abs=0.012)
@@ -44,7 +46,9 @@ def test_clocks_that_drift_apart_are_not_late():
     clock = BootClock(1)
     worst = 0.0
     for k in range(0, 1_200_000, 200):
-        worst = max(worst, heard(clock, 20_000 + k, k * 200 // 1_000_000))  # 200 ppm over 20 minutes
+        worst = max(
+            worst, heard(clock, 20_000 + k, k * 200 // 1_000_000)
+        )  # 200 ppm over 20 minutes
     assert worst < 0.01
 
 

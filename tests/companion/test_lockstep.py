@@ -63,7 +63,9 @@ def short_flight(folder: Path, *, slow: bool = False, **pilot: object) -> Faulty
 
 
 def digest(folder: Path) -> tuple[str, str]:
-    return tuple(hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in ("truth.csv", "flight.tlog"))  # type: ignore[return-value]
+    return tuple(
+        hashlib.sha256((folder / n).read_bytes()).hexdigest() for n in ("truth.csv", "flight.tlog")
+    )  # type: ignore[return-value]
 
 
 @pytest.mark.slow
@@ -78,7 +80,9 @@ def test_the_same_seed_gives_the_same_flight_bit_for_bit_however_slow_the_machin
 def test_the_recording_replays_to_the_same_decisions(tmp_path):
     short_flight(tmp_path)
     assert np.mean(read_truth(tmp_path / "truth.csv")["streamed"]) > 0.98
-    sent, decided = sent_and_decided(tmp_path / "flight.tlog", PipelineConfig(vehicle(), models.load()))
+    sent, decided = sent_and_decided(
+        tmp_path / "flight.tlog", PipelineConfig(vehicle(), models.load())
+    )
     assert len(sent) > 500
     # All but the last second: a recording does not say when the flight was told to stop.
     assert sent[:-60] == decided[: len(sent) - 60]
@@ -151,7 +155,9 @@ def test_the_wire_delays_and_keeps_order():
 def test_a_comparison_repeats_itself_and_does_not_depend_on_its_neighbours(monkeypatch):
     short = build("hover", vehicle())
     waypoints = (*short.waypoints[:-1], dataclasses.replace(short.waypoints[-1], time_s=7.0))
-    monkeypatch.setattr(compare, "build", lambda *_a, **_k: dataclasses.replace(short, waypoints=waypoints))
+    monkeypatch.setattr(
+        compare, "build", lambda *_a, **_k: dataclasses.replace(short, waypoints=waypoints)
+    )
     settings = CompareSettings("hover")
     first, again = (compare.run_compare([2], settings, legs=(Leg.ON,), workers=1) for _ in range(2))
     assert first[0].height.tolist() == again[0].height.tolist()

@@ -10,7 +10,14 @@ from flying import CONFIG, DOWN, RIGHT, Bench
 
 from companion.config import PipelineConfig
 from companion.control.reasons import Reason
-from companion.estimation.estimator import Estimates, Seen, blank_estimates, surface, take_attitude, take_position
+from companion.estimation.estimator import (
+    Estimates,
+    Seen,
+    blank_estimates,
+    surface,
+    take_attitude,
+    take_position,
+)
 from companion.estimation.estimator import take_range as take
 from companion.mavlink.samples import Attitude, LocalPosition, Range, RangeVerdict
 from models.frames import quaternion_from_euler
@@ -34,15 +41,21 @@ class Room:
     def __post_init__(self) -> None:
         self.estimates = blank_estimates(self.config.vehicle)
 
-    def tick(self, readings: dict[str, float], velocity=(0.0, 0.0, 0.0), limit: float = 40.0) -> None:
+    def tick(
+        self, readings: dict[str, float], velocity=(0.0, 0.0, 0.0), limit: float = 40.0
+    ) -> None:
         self.t += 0.02
         q = quaternion_from_euler(0.0, 0.0, self.yaw)
-        self.estimates = take_attitude(self.estimates, Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE"))
+        self.estimates = take_attitude(
+            self.estimates, Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE")
+        )
         place = LocalPosition(self.t, 1, 1, (self.north, self.east, -self.height), velocity)
         self.estimates = take_position(self.estimates, place)
         for target, distance in readings.items():
             verdict = RangeVerdict.ABOVE_MAX if distance >= limit else RangeVerdict.OK
-            reading = Range(self.t, 1, 1, BEAMS[target], 0, 0, distance, 0.05, limit, None, None, verdict, "x")
+            reading = Range(
+                self.t, 1, 1, BEAMS[target], 0, 0, distance, 0.05, limit, None, None, verdict, "x"
+            )
             self.estimates = take(self.estimates, reading, self.config)
 
     def seen(self, target: str) -> Seen:
@@ -149,13 +162,18 @@ def test_a_position_that_is_set_anew_is_no_motion():
     assert room.seen(WALL) is Seen.SURFACE
 
 
-@pytest.mark.parametrize(("reading", "reason"), [(60.0, Reason.RANGE_LOST), (0.4, Reason.RANGE_FROZEN)])
+@pytest.mark.parametrize(
+    ("reading", "reason"), [(60.0, Reason.RANGE_LOST), (0.4, Reason.RANGE_FROZEN)]
+)
 def test_flight_says_so_and_gives_no_offset(reading, reason):
 
     bench = Bench(wall=0.4)
     bench.run(3.0)
     for _ in range(100):
-        bench.position = (0.0, bench.position[1] + (0.002 if reason is Reason.RANGE_FROZEN else 0.0))
+        bench.position = (
+            0.0,
+            bench.position[1] + (0.002 if reason is Reason.RANGE_FROZEN else 0.0),
+        )
         bench.wall = reading
         decision = bench.tick()
     assert reason in decision.reasons
@@ -186,11 +204,17 @@ class Lying(Bench):
     by: float = 0.0
 
     def range(self, direction, distance, sensor=0) -> Range:
-        return super().range(direction, distance + (self.by if (self.lies == "wall") == (sensor == 1) else 0.0), sensor)
+        return super().range(
+            direction,
+            distance + (self.by if (self.lies == "wall") == (sensor == 1) else 0.0),
+            sensor,
+        )
 
 
 @pytest.mark.parametrize(("target", "honest", "lie"), JUMPS)
-def test_no_offset_on_a_range_that_jumped_while_the_vehicle_stayed_until_it_is_back(target, honest, lie):
+def test_no_offset_on_a_range_that_jumped_while_the_vehicle_stayed_until_it_is_back(
+    target, honest, lie
+):
     bench = lying(target, honest, lie)
     bench.by = 0.0
     decision = bench.run(4.0)

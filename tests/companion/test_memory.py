@@ -40,7 +40,9 @@ def cycle(mav, tick):
         mav.heartbeat_encode(2, 3, 137, 4, 4),
         mav.extended_sys_state_encode(0, 2),
         mav.param_value_encode(b"GUID_OPTIONS", 8.0, 6, 1, 0),
-        mav.esc_telemetry_1_to_4_encode([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4),
+        mav.esc_telemetry_1_to_4_encode(
+            [20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4
+        ),
         mav.distance_sensor_encode(ms, 5, 4000, round((h - 0.05) * 100) + tick % 2, 0, 0, 25, 0),
         mav.distance_sensor_encode(ms, 5, 4000, 60 + tick % 2, 0, 1, 2, 0),
         mav.local_position_ned_encode(ms, 0, 0, -h, 0, 0, 0),

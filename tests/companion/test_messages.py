@@ -26,14 +26,18 @@ ARRIVAL = 1_767_225_642_203_386
 
 def sent(message, system=1, component=1):
     """The message as a frame."""
-    return cut(bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component))), 0)
+    return cut(
+        bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component))), 0
+    )
 
 
 def sample(message, clock=None, **ids):
     return decode(sent(message, **ids), ARRIVAL, clock or BootClock())
 
 
-def distance(current=83, orientation=25, low=2, high=800, covariance=1, quality=100, q=(0, 0, 0, 0), number=1):
+def distance(
+    current=83, orientation=25, low=2, high=800, covariance=1, quality=100, q=(0, 0, 0, 0), number=1
+):
     return mavlink.MAVLink_distance_sensor_message(
         42_440, low, high, current, 0, number, orientation, covariance, 0, 0, q, quality
     )
@@ -71,9 +75,15 @@ def test_imu_units():
     raw = sample(mavlink.MAVLink_raw_imu_message(42_200_000, 100, -50, -1000, 1, 2, -1000, 0, 0, 0))
     assert raw.specific_force_frd == pytest.approx((0.980665, -0.4903325, -9.80665))
     assert raw.gyro_frd == pytest.approx((0.001, 0.002, -1.0))
-    scaled = sample(mavlink.MAVLink_scaled_imu2_message(42_200, 100, -50, -1000, 1, 2, -1000, 0, 0, 0))
+    scaled = sample(
+        mavlink.MAVLink_scaled_imu2_message(42_200, 100, -50, -1000, 1, 2, -1000, 0, 0, 0)
+    )
     assert scaled.specific_force_frd == raw.specific_force_frd
-    high = sample(mavlink.MAVLink_highres_imu_message(42_200_000, 1, 2, -9.8, 0.1, 0.2, 0.3, *[0] * 7, 0b111111))
+    high = sample(
+        mavlink.MAVLink_highres_imu_message(
+            42_200_000, 1, 2, -9.8, 0.1, 0.2, 0.3, *[0] * 7, 0b111111
+        )
+    )
     assert high.specific_force_frd == pytest.approx((1, 2, -9.8))
     assert (raw.source, scaled.source, high.source) == ("RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU")
     second = sample(mavlink.MAVLink_raw_imu_message(42_200_000, 0, 0, -1000, 0, 0, 0, 0, 0, 0, 1))
@@ -81,7 +91,9 @@ def test_imu_units():
 
 
 def test_highres_imu_fields_not_updated_mean_nothing():
-    gyro_only = sample(mavlink.MAVLink_highres_imu_message(1000, 0, 0, 0, 0.1, 0.2, 0.3, *[0] * 7, 0b111000))
+    gyro_only = sample(
+        mavlink.MAVLink_highres_imu_message(1000, 0, 0, 0, 0.1, 0.2, 0.3, *[0] * 7, 0b111000)
+    )
     assert all(math.isnan(v) for v in gyro_only.specific_force_frd)
     assert gyro_only.gyro_frd == pytest.approx((0.1, 0.2, 0.3))
     assert sample(mavlink.MAVLink_highres_imu_message(1000, *[0] * 13, 0b1000000)) is None
@@ -125,7 +137,9 @@ def test_the_directions_in_use(orientation, direction):
 
 def test_custom_orientation_by_quaternion_and_never_down_by_default():
     q = quaternion_from_euler(0.0, math.pi / 2, 0.0)  # nose up
-    assert sample(distance(orientation=100, q=q)).direction_frd == pytest.approx((0, 0, -1), abs=1e-6)
+    assert sample(distance(orientation=100, q=q)).direction_frd == pytest.approx(
+        (0, 0, -1), abs=1e-6
+    )
     for nothing in (distance(orientation=100), distance(orientation=77), distance(orientation=101)):
         reading = sample(nothing)
         assert reading.direction_frd is None
@@ -151,7 +165,12 @@ def test_verdicts(message, verdict):
 
 def test_range_fields():
     reading = sample(distance(83, covariance=4), component=158)
-    assert (reading.distance_m, reading.min_m, reading.max_m, reading.sigma_m) == (0.83, 0.02, 8.0, 0.02)
+    assert (reading.distance_m, reading.min_m, reading.max_m, reading.sigma_m) == (
+        0.83,
+        0.02,
+        8.0,
+        0.02,
+    )
     assert (reading.sensor_id, reading.quality, reading.component) == (1, 100, 158)
     for unknown in (0, 255):
         assert sample(distance(covariance=unknown)).sigma_m is None
@@ -164,10 +183,18 @@ def test_range_fields():
 def test_esc_telemetry_of_every_group(first):
     kind = getattr(mavlink, f"MAVLink_esc_telemetry_{first}_to_{first + 3}_message")
     speeds = sample(
-        kind([37, 38, 36, 255], [2466] * 4, [720, 708, 655, 0], [7] * 4, [4046, 4028, 0, 65535], [49, 50, 51, 0])
+        kind(
+            [37, 38, 36, 255],
+            [2466] * 4,
+            [720, 708, 655, 0],
+            [7] * 4,
+            [4046, 4028, 0, 65535],
+            [49, 50, 51, 0],
+        )
     )
     assert speeds.first_esc == first
-    assert speeds.rpm == (4046.0, 4028.0, 0.0, 65535.0)
+    assert speeds.rpm[:3] == (4046.0, 4028.0, 0.0)
+    assert math.isnan(speeds.rpm[3])  # 65535 says that nothing is known
     assert speeds.count == (49, 50, 51, 0)
     assert speeds.temperature_c == (37.0, 38.0, 36.0, 255.0)
 
@@ -182,7 +209,18 @@ def test_rpm_and_raw_rpm():
 
 def battery(voltages, current=3000, ext=(0, 0, 0, 0)):
     return mavlink.MAVLink_battery_status_message(
-        0, 0, 0, 32767, [*voltages, *[65535] * (10 - len(voltages))], current, -1, -1, -1, 0, 0, list(ext)
+        0,
+        0,
+        0,
+        32767,
+        [*voltages, *[65535] * (10 - len(voltages))],
+        current,
+        -1,
+        -1,
+        -1,
+        0,
+        0,
+        list(ext),
     )
 
 
@@ -193,15 +231,22 @@ def test_battery():
     assert sample(battery([16774])).current_a == 30.0
     assert math.isnan(sample(battery([3784], current=-1)).current_a)
     assert sample(battery([], current=-1)) is None
-    status = sample(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 16245, 1173, 98, 0, 0, 0, 0, 0, 0))
+    status = sample(
+        mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 16245, 1173, 98, 0, 0, 0, 0, 0, 0)
+    )
     assert (status.voltage_v, status.current_a) == (16.245, 11.73)
-    assert sample(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, 98, 0, 0, 0, 0, 0, 0)) is None
+    assert (
+        sample(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, 98, 0, 0, 0, 0, 0, 0))
+        is None
+    )
 
 
 def test_pressure_and_servo():
     pressure = sample(mavlink.MAVLink_scaled_pressure_message(100, 1020.25, 0, 1708))
     assert (pressure.pressure_pa, pressure.temperature_c) == (102025.0, 17.08)
-    servo = sample(mavlink.MAVLink_servo_output_raw_message(42_200_000, 0, *range(1001, 1009), *[0] * 7, 65535))
+    servo = sample(
+        mavlink.MAVLink_servo_output_raw_message(42_200_000, 0, *range(1001, 1009), *[0] * 7, 65535)
+    )
     assert servo.pwm_us[:9] == (1001, 1002, 1003, 1004, 1005, 1006, 1007, 1008, 0)
     assert math.isnan(servo.pwm_us[15])
 
@@ -211,10 +256,19 @@ def test_targets():
     echo = sample(mavlink.MAVLink_attitude_target_message(100, 0, q, 0, 0, 0, 0.4))
     assert echo.thrust == pytest.approx(0.4)
     upstream = sample(
-        mavlink.MAVLink_set_attitude_target_message(0, 1, 0, 7, q, 0, 0, 0, 0.4), system=255, component=190
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 0, 7, q, 0, 0, 0, 0.4),
+        system=255,
+        component=190,
     )
-    assert (upstream.type_mask, upstream.target_system, upstream.target_component, upstream.system) == (7, 1, 0, 255)
-    goal = sample(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 3576, *range(9), 0.5, 0.1))
+    assert (
+        upstream.type_mask,
+        upstream.target_system,
+        upstream.target_component,
+        upstream.system,
+    ) == (7, 1, 0, 255)
+    goal = sample(
+        mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 3576, *range(9), 0.5, 0.1)
+    )
     assert goal.position == (0, 1, 2)
     assert goal.acceleration == (6, 7, 8)
     assert (goal.type_mask, goal.frame) == (3576, 1)
@@ -315,14 +369,18 @@ def test_no_payload_raises_and_nothing_infinite_comes_out(layout, payload, arriv
 @given(layouts, st.lists(st.binary(max_size=255), min_size=1, max_size=4))
 def test_columns_hold_the_same_numbers(layout, payloads):
     dtype = layout.wire.dtype
-    records = np.concatenate([np.frombuffer(p[: dtype.itemsize].ljust(dtype.itemsize, b"\0"), dtype) for p in payloads])
+    records = np.concatenate(
+        [np.frombuffer(p[: dtype.itemsize].ljust(dtype.itemsize, b"\0"), dtype) for p in payloads]
+    )
     table = columns(layout, records)
     for k, payload in enumerate(payloads):
         fields = fields_of(layout, payload)
         for quantity, read in zip(layout.quantities, layout.readers, strict=True):
             one = read(fields)
             if isinstance(quantity, SI):
-                assert np.array_equal(np.atleast_1d(one), table[quantity.name][k], equal_nan=True), quantity.name
+                assert np.array_equal(
+                    np.atleast_1d(one), table[quantity.name][k], equal_nan=True
+                ), quantity.name
             elif isinstance(one, int):
                 assert one == table[quantity.name][k]
 
@@ -337,7 +395,11 @@ def test_samples_advance_the_clock():
 
 def test_rangefinder_gives_way_to_a_downward_distance_sensor():
     intake = Intake()
-    old, up, down = mavlink.MAVLink_rangefinder_message(60.0, 0), distance(orientation=24), distance(orientation=25)
+    old, up, down = (
+        mavlink.MAVLink_rangefinder_message(60.0, 0),
+        distance(orientation=24),
+        distance(orientation=25),
+    )
     intake.sample(sent(mavlink.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3)), ARRIVAL)
     heard = [intake.sample(sent(message), ARRIVAL) for message in (old, up, old, down, old)]
     assert [s is not None for s in heard] == [True, True, True, True, False]
@@ -359,4 +421,7 @@ def test_attitudes_and_positions_of_other_components_are_left_out_and_named():
     assert intake.not_the_autopilots == {(32, 197), (30, 154)}
     assert heard(place, 1) is not None
     assert heard(turned, 1) is not None
-    assert heard(mavlink.MAVLink_distance_sensor_message(1000, 5, 800, 50, 0, 1, 25, 0), 197) is not None
+    assert (
+        heard(mavlink.MAVLink_distance_sensor_message(1000, 5, 800, 50, 0, 1, 25, 0), 197)
+        is not None
+    )

@@ -26,7 +26,9 @@ COMMON_XML = """<?xml version="1.0"?><mavlink><version>3</version><messages>
 
 RPM, VOLTS, AMPS = (4000, -4100, 0, 2**31 - 1), (16.0, 16.5, 15.0, 0.0), (3.0, 3.5, 0.0, 0.0)
 STATUS = ESC_STATUS.unpacker.pack(5_000_000, *RPM, *VOLTS, *AMPS, 4)
-INFO = ESC_INFO.unpacker.pack(5_000_000, 0, 1, 2, 3, 7, 0, 0, 8, 0, 3000, 32767, -500, 0, 0, 4, 1, 0b1011)
+INFO = ESC_INFO.unpacker.pack(
+    5_000_000, 0, 1, 2, 3, 7, 0, 0, 8, 0, 3000, 32767, -500, 0, 0, 4, 1, 0b1011
+)
 
 
 def test_extras_sizes_and_order_as_the_generator_computes_them(tmp_path):

@@ -27,12 +27,16 @@ def test_the_truth_is_not_wrong_its_mirror_twice_and_no_model_is_by_all_of_it(ve
     assert shares(model_error(true, vehicle, NOMINAL)) == pytest.approx((0.0,) * 3, abs=1e-9)  # type: ignore[arg-type]
     mirrored = WarpedModel(true, gain=-1.0)
     assert shares(model_error(mirrored, vehicle, NOMINAL)) == pytest.approx((2.0,) * 3)  # type: ignore[arg-type]
-    assert shares(model_error(empty_model(vehicle), vehicle, NOMINAL)) == pytest.approx((WITHOUT_OFFSETS,) * 3)
+    assert shares(model_error(empty_model(vehicle), vehicle, NOMINAL)) == pytest.approx(
+        (WITHOUT_OFFSETS,) * 3
+    )
 
 
 def test_the_default_is_as_wrong_as_the_law_that_it_was_trained_on():
     law = disturbed(3)
-    assert shares(model_error(models.load(), TANDEM, law)) == pytest.approx(shares(closed_form_error(law)), abs=0.02)
+    assert shares(model_error(models.load(), TANDEM, law)) == pytest.approx(
+        shares(closed_form_error(law)), abs=0.02
+    )
 
 
 def test_a_model_of_another_air_is_said_to_be_worse_than_none():

@@ -26,7 +26,15 @@ def test_a_name_is_a_file_that_ships_unless_there_is_a_file_of_that_name(tmp_pat
 def test_without_a_vehicle_nothing_is_sent_to_a_real_link(options, dry, capsys):
     port = free_port()
     with FakeAutopilot(port):
-        arguments = ["--connect", f"udpin:127.0.0.1:{port}", "--duration", "2", "--json", "-", *options]
+        arguments = [
+            "--connect",
+            f"udpin:127.0.0.1:{port}",
+            "--duration",
+            "2",
+            "--json",
+            "-",
+            *options,
+        ]
         assert main(arguments) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["dry_run"] is dry

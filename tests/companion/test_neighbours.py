@@ -45,7 +45,9 @@ def move(station: Station, height: float) -> None:
     """A target of the station moves the hold of the flight program."""
     north, east, _ = station.place
     station.go(north, east, height)
-    station.until(lambda: abs(station.place[2] - height) < 0.15, 40.0, "the height that was asked for")
+    station.until(
+        lambda: abs(station.place[2] - height) < 0.15, 40.0, "the height that was asked for"
+    )
 
 
 def compensates(station: Station, flying: Companion) -> None:
@@ -64,7 +66,11 @@ def test_it_flies_behind_a_hub(kind, tmp_path):
             beat = station.of("HEARTBEAT", 191)[-1]
             assert (beat.get_srcSystem(), beat.type, beat.autopilot) == (1, 18, 8)
         else:
-            station.until(lambda: "to a lower rate again and again" in flying.words, 60.0, "the rates to be set back")
+            station.until(
+                lambda: "to a lower rate again and again" in flying.words,
+                60.0,
+                "the rates to be set back",
+            )
         result = flying.end()
     assert result["messages"]["bad"] == 0
     assert result["compensated_s"] > 1.0
@@ -79,7 +85,9 @@ def test_mavsdk_beside_it_asks_for_other_rates(kind, tmp_path):
         pytest.skip("mavsdk is not installed")
     with wired("mavlink-router", tmp_path, more=1) as (station, flying, (port,)):
         compensates(station, flying)
-        with running([sys.executable, "-c", MAVSDK, str(port), kind], stdout=subprocess.PIPE) as other:
+        with running(
+            [sys.executable, "-c", MAVSDK, str(port), kind], stdout=subprocess.PIPE
+        ) as other:
             assert other.stdout is not None
             said = [int(other.stdout.readline()) for _ in range(4)]
         move(station, 1.9)
@@ -96,7 +104,9 @@ def test_two_flight_programs_behind_one_router_do_not_throw_the_vehicle(tmp_path
         companion(tmp_path, port, "--no-offsets") as second,
     ):
         station.take_off()
-        station.until(lambda: "holding" in flying.words and "holding" in second.words, 40.0, "both to hold")
+        station.until(
+            lambda: "holding" in flying.words and "holding" in second.words, 40.0, "both to hold"
+        )
         start = station.place
         time.sleep(8.0)
         away = max(abs(a - b) for a, b in zip(station.place, start, strict=True))
@@ -117,7 +127,9 @@ def test_a_neighbour_that_floods_the_port_takes_nothing_away(tmp_path):
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as neighbour:
                 while not over.wait(0.01):
                     for k in range(30):
-                        neighbour.sendto(beat if k % 2 else b"\xfd" + bytes(200), ("127.0.0.1", flying.port))
+                        neighbour.sendto(
+                            beat if k % 2 else b"\xfd" + bytes(200), ("127.0.0.1", flying.port)
+                        )
 
         thread = threading.Thread(target=flood)
         thread.start()

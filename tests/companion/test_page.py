@@ -27,7 +27,9 @@ from companion.sim.process import free_port
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 
 
 def get(feed, path):
@@ -115,7 +117,9 @@ def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_pa
          "--virtual-time-budget=3000", "--dump-dom", feed.url],
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip
-    shown = {i: re.sub(r"<[^>]*>", "", v) for i, v in re.findall(r'<b id="(\w+)">(.*?)</b>', done.stdout)}
+    shown = {
+        i: re.sub(r"<[^>]*>", "", v) for i, v in re.findall(r'<b id="(\w+)">(.*?)</b>', done.stdout)
+    }
     push = sent["air"]
     assert shown["h"] == f"{min(f[2] for f in push['fans']):.2f} m"
     assert shown["d"] == f"{min(f[3] for f in push['fans']):.2f} m"

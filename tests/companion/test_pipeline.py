@@ -50,7 +50,10 @@ def test_near_the_ground_thrust_is_taken_off_and_at_the_wall_it_leans_away():
     assert decision.disturbance.wrench[1] > 0.0
     assert decision.offset.roll < 0.0
     assert decision.offset.roll == pytest.approx(
-        -math.atan2(decision.disturbance.wrench[1] * decision.disturbance.trust * decision.disturbance.gain, 45.11),
+        -math.atan2(
+            decision.disturbance.wrench[1] * decision.disturbance.trust * decision.disturbance.gain,
+            45.11,
+        ),
         rel=0.05,
     )
     assert abs(decision.offset.pitch) < 1e-6
@@ -103,7 +106,9 @@ def test_what_holds_back_everything_sends_nothing(change, reason):
         ({"roll": 0.5}, Reason.TILTED, 0.5),
     ],
 )
-def test_a_lost_input_fades_the_offset_to_zero_within_half_a_second_of_its_age_limit(change, reason, within):
+def test_a_lost_input_fades_the_offset_to_zero_within_half_a_second_of_its_age_limit(
+    change, reason, within
+):
     b = bench(height=0.2, wall=0.3)
     before = b.run(4.0)
     assert before.offset.thrust < -0.01
@@ -117,7 +122,9 @@ def test_a_lost_input_fades_the_offset_to_zero_within_half_a_second_of_its_age_l
     assert (trace[-1].offset.thrust, trace[-1].offset.roll) == (0.0, 0.0)
     assert trace[-1].command is not None, "the base goes on flying"
     sizes = [abs(d.offset.thrust) for d in trace]
-    assert max(abs(np.diff(sizes))) < 0.12 * abs(before.offset.thrust), "it fades, it does not switch"
+    assert max(abs(np.diff(sizes))) < 0.12 * abs(before.offset.thrust), (
+        "it fades, it does not switch"
+    )
 
 
 def test_missing_sensors_are_named():
@@ -225,7 +232,9 @@ def test_the_pilots_target_moves_the_hold():
     b = bench(height=1.0)
     b.run(2.0)
     mask = 64 | 128 | 256 | 1024 | 2048
-    target = SetPositionTarget(b.t, 255, 190, mask, 1, (1.0, 0.0, -1.0), (0.3, 0.0, 0.0), (0, 0, 0), 0.0, 1, 191)
+    target = SetPositionTarget(
+        b.t, 255, 190, mask, 1, (1.0, 0.0, -1.0), (0.3, 0.0, 0.0), (0, 0, 0), 0.0, 1, 191
+    )
     b.feed(target)
     decision = b.run(0.1)
     assert decision.base.pitch < -0.02, "nose down to go north"
@@ -249,7 +258,9 @@ def test_an_upstream_stream_is_forwarded_with_the_offset_added():
     decision = b.run(4.0)
     assert decision.command.thrust == pytest.approx(0.5 + decision.offset.thrust)
     assert decision.offset.thrust < 0.0
-    assert decision.command.q_ned_frd[1] == pytest.approx(math.sin(decision.offset.roll / 2), abs=1e-6)
+    assert decision.command.q_ned_frd[1] == pytest.approx(
+        math.sin(decision.offset.roll / 2), abs=1e-6
+    )
     assert np.linalg.norm(decision.command.q_ned_frd) == pytest.approx(1.0)
     own = SetAttitudeTarget(b.t, 1, 191, 7, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.5, 1, 1)
     assert b.feed(own) is None, "our own echo is no upstream setpoint"
@@ -350,7 +361,9 @@ def test_what_only_later_setpoints_depend_on_waits_until_the_setpoint_has_left(m
     watched = {settle_module: "tune", swing_detector: "watch", attitude_response: "hear_tilt"}
     for module, name in watched.items():
         was = getattr(module, name)
-        monkeypatch.setattr(module, name, lambda *a, was=was, name=name: (done.append(name), was(*a))[1])
+        monkeypatch.setattr(
+            module, name, lambda *a, was=was, name=name: (done.append(name), was(*a))[1]
+        )
     commands = 0
 
     def feed(sample):

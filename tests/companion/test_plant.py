@@ -29,7 +29,9 @@ from companion.control.swing_detector import SwingDetector, calmed, watch
 from companion.mavlink.firmware import Stack
 
 
-def swings(gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 1.0, seconds: float = 60.0) -> float:
+def swings(
+    gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 1.0, seconds: float = 60.0
+) -> float:
     """Growth of a nudge over a minute, by time steps of 5 ms: the linear loop that the margins are computed for."""
     dt = 0.005
     commands = deque([0.0] * (1 + round(loop.delay_s / dt)), maxlen=1 + round(loop.delay_s / dt))
@@ -54,7 +56,9 @@ def swings(gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 
     return max(sizes[-part:]) / max(sizes[:part])
 
 
-@pytest.mark.parametrize("loop", [AttitudeLoop(0.07, 0.10), AttitudeLoop(0.16, 0.02), AttitudeLoop(0.10, 0.20)])
+@pytest.mark.parametrize(
+    "loop", [AttitudeLoop(0.07, 0.10), AttitudeLoop(0.16, 0.02), AttitudeLoop(0.10, 0.20)]
+)
 @pytest.mark.parametrize("late_s", [0.0, 0.10])
 def test_the_gain_margin_is_where_the_simulated_loop_begins_to_swing(loop, late_s):
     led = replace(FULL, tilt_lead_s=0.8 * loop.lag_s)
@@ -112,8 +116,12 @@ def test_parameters_say_how_slow_the_attitude_is():
     slow = declared_loop(Stack.ARDUPILOT, {"ATC_INPUT_TC": 0.3})
     assert slow.source is Source.PARAMETERS
     assert slow.lag_s == pytest.approx(0.36, abs=0.04), "fitted to a recording: 0.34"
-    assert declared_loop(Stack.ARDUPILOT, {"ATC_INPUT_TC": 0.15}).lag_s == pytest.approx(0.24, abs=0.03)
-    assert declared_loop(Stack.PX4, {"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5}).lag_s == pytest.approx(0.20, abs=0.03)
+    assert declared_loop(Stack.ARDUPILOT, {"ATC_INPUT_TC": 0.15}).lag_s == pytest.approx(
+        0.24, abs=0.03
+    )
+    assert declared_loop(Stack.PX4, {"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5}).lag_s == pytest.approx(
+        0.20, abs=0.03
+    )
     assert declared_loop(Stack.PX4, {"MC_ROLL_P": 6.5, "MC_PITCH_P": 3.0}).lag_s > 0.3
 
 
@@ -129,7 +137,9 @@ def test_rate_and_lateness_of_positions_are_measured():
     assert timing.position_late_s < 0.005
 
 
-@pytest.mark.parametrize(("tau", "delay", "gain"), [(0.065, 0.08, 1.0), (0.16, 0.05, 1.0), (0.09, 0.17, 1.3)])
+@pytest.mark.parametrize(
+    ("tau", "delay", "gain"), [(0.065, 0.08, 1.0), (0.16, 0.05, 1.0), (0.09, 0.17, 1.3)]
+)
 def test_the_attitude_loop_is_measured_from_its_own_setpoints(tau, delay, gain):
     rng, dt = np.random.default_rng(3), 0.02
     response, wanted = AttitudeResponse(), np.zeros(2)
@@ -178,7 +188,11 @@ def test_a_growing_or_steady_swing_is_noticed_and_one_that_dies_out_is_not():
 def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     b = bench(height=0.3, wall=0.3)
     full = b.run(4.0).tuned.share
-    b.state = replace(b.state, swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t), tuned_s=-math.inf)
+    b.state = replace(
+        b.state,
+        swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t),
+        tuned_s=-math.inf,
+    )
     decision = b.run(0.6)
     assert decision.tuned.share <= 0.61 * full
     assert Reason.SWINGING in decision.reasons
@@ -208,7 +222,11 @@ def test_the_gains_come_back_after_a_calm_twice_as_long_after_each_swing():
 def test_a_hold_that_swung_once_is_firm_again_two_minutes_later():
     b = bench(height=0.3, wall=0.3)
     full = b.run(4.0).tuned.share
-    b.state = replace(b.state, swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t), tuned_s=-math.inf)
+    b.state = replace(
+        b.state,
+        swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t),
+        tuned_s=-math.inf,
+    )
     assert b.run(1.5).tuned.share < 0.7 * full
     assert b.run(swing_detector._CALM_S).tuned.share == pytest.approx(full)
 
@@ -226,7 +244,9 @@ def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure
 def test_a_hold_weaker_than_the_autopilots_own_does_not_engage():
     b = bench(mode=5)
     b.run(2.0)
-    b.state = replace(b.state, loop=AttitudeLoop(0.22, 0.20, source=Source.MEASURED), tuned_s=-math.inf)
+    b.state = replace(
+        b.state, loop=AttitudeLoop(0.22, 0.20, source=Source.MEASURED), tuned_s=-math.inf
+    )
     b.mode = 4
     decision = b.run(1.5)
     assert decision.tuned.margin.meets(plant._WANTED), "stable, and too soft"

@@ -30,7 +30,12 @@ GOOD = 895  # what a PX4 with GPS sends
 ARDUPILOT_GOOD = 831
 
 
-def status(flags: int, accuracy: float = math.nan, innovation: float = 0.1, source: str = "ESTIMATOR_STATUS"):
+def status(
+    flags: int,
+    accuracy: float = math.nan,
+    innovation: float = 0.1,
+    source: str = "ESTIMATOR_STATUS",
+):
     return EstimatorStatus(20.0, 1, 1, flags, accuracy, innovation, source)
 
 
@@ -40,10 +45,14 @@ def decoded(message):
 
 
 def test_both_messages_are_read():
-    px4 = decoded(mavlink.MAVLink_estimator_status_message(5_000_000, 101, 0.2, 0.5, 0, 0, 0, 0, 1.5, 0.3))
+    px4 = decoded(
+        mavlink.MAVLink_estimator_status_message(5_000_000, 101, 0.2, 0.5, 0, 0, 0, 0, 1.5, 0.3)
+    )
     assert (px4.flags, px4.innovation) == (101, pytest.approx(0.5))
     assert px4.horizontal_accuracy_m == pytest.approx(1.5)
-    ardupilot = decoded(mavlink.MAVLink_ekf_status_report_message(831, 0.1, 0.3, 0.2, 0.1, 0.0, 0.0))
+    ardupilot = decoded(
+        mavlink.MAVLink_ekf_status_report_message(831, 0.1, 0.3, 0.2, 0.1, 0.0, 0.0)
+    )
     assert (ardupilot.flags, ardupilot.innovation) == (831, pytest.approx(0.3))
     assert math.isnan(ardupilot.horizontal_accuracy_m)
 
@@ -68,7 +77,10 @@ def test_the_estimators_status_is_asked_for(stack):
         (status(0x16F, 0.05), True),  # and on optical flow: height over ground
         (status(0x12F | 128), False),  # PX4's fake position: neither vision nor flow
         (status(ARDUPILOT_GOOD, source="EKF_STATUS_REPORT"), True),
-        (status(0x16F, source="EKF_STATUS_REPORT"), True),  # ArduPilot on optical flow: relative position alone
+        (
+            status(0x16F, source="EKF_STATUS_REPORT"),
+            True,
+        ),  # ArduPilot on optical flow: relative position alone
         (status(0b10100111, source="EKF_STATUS_REPORT"), False),  # AID_NONE: constant position
         (status(ARDUPILOT_GOOD | 1024, source="EKF_STATUS_REPORT"), False),
         (status(ARDUPILOT_GOOD | 32768, source="EKF_STATUS_REPORT"), False),
@@ -132,7 +144,9 @@ def test_a_relocalisation_of_a_quarter_metre_moves_the_hold_with_it():
 def test_an_estimator_that_is_pulled_to_its_sensors_is_no_reset():
     """0.7 m/s past what the velocity explains: the most in five real flights at 10 Hz."""
     for dt in (0.02, 0.1, 0.4):
-        first, second = (LocalPosition(t, 1, 1, (0.7 * t, 0.0, -1.0), (0.0, 0.0, 0.0)) for t in (1.0, 1.0 + dt))
+        first, second = (
+            LocalPosition(t, 1, 1, (0.7 * t, 0.0, -1.0), (0.0, 0.0, 0.0)) for t in (1.0, 1.0 + dt)
+        )
         assert position_reset(first, second) is None
 
 
@@ -143,7 +157,9 @@ def test_fast_flight_is_no_reset():
     assert position_reset(at(1.0, 0.0, 5.0), at(1.2, 1.0, 5.2)) is None
     jump = position_reset(at(1.0, 0.0, 5.0), at(1.2, 2.0, 5.0))
     assert jump.by_ned == pytest.approx((1.0, 0.0, 0.0))
-    assert position_reset(at(1.0, 0.0, 0.0), at(3.0, 5.0, 0.0)) is None, "after a gap nothing can be said"
+    assert position_reset(at(1.0, 0.0, 0.0), at(3.0, 5.0, 0.0)) is None, (
+        "after a gap nothing can be said"
+    )
 
 
 def test_the_recorded_loss_of_gps_ends_the_hold(shared_data: Path):
@@ -157,4 +173,7 @@ def test_the_recorded_loss_of_gps_ends_the_hold(shared_data: Path):
     start = decisions[0].t_s
     assert 12.0 < untrusted[0] - start < 15.5
     assert all(d.command is None for d in decisions if untrusted[0] + 0.6 < d.t_s < start + 38.0)
-    assert np.mean([Reason.POSITION_UNTRUSTED in d.reasons for d in decisions if d.t_s > untrusted[0]]) > 0.8
+    assert (
+        np.mean([Reason.POSITION_UNTRUSTED in d.reasons for d in decisions if d.t_s > untrusted[0]])
+        > 0.8
+    )

@@ -60,21 +60,33 @@ def flown_ramp(
             yield 0.02
 
     case = Case("ramp", "a ramp into the wall", script, px4=px4, wall_m=wall_m)
-    flight = simulated(own.vehicle, surroundings(case, own.vehicle), 1, px4=px4, parameters=SLOW_LOOP if slow else {})
+    flight = simulated(
+        own.vehicle,
+        surroundings(case, own.vehicle),
+        1,
+        px4=px4,
+        parameters=SLOW_LOOP if slow else {},
+    )
     FaultyLockstep(flight, lambda w: CasePilot(w, script)).fly(own, None)
     return seen
 
 
-@pytest.mark.parametrize("mask", [POSITION_ONLY, pytest.param(PLACE_AND_VELOCITY, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "mask", [POSITION_ONLY, pytest.param(PLACE_AND_VELOCITY, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("px4", [False, True])
 def test_a_ramp_that_stops_at_the_wall_is_overshot_by_less_than_3_cm(px4, mask):
     seen = flown_ramp(mask, px4=px4)
     assert max(past for _, past in seen) < 0.03
-    assert next(t for t, past in seen if past > -0.05) < 1.3  # 0.3 s where the target's leaps are flown as they come
+    assert (
+        next(t for t, past in seen if past > -0.05) < 1.3
+    )  # 0.3 s where the target's leaps are flown as they come
     assert abs(seen[-1][1]) < 0.03
 
 
-@pytest.mark.parametrize("mask", [POSITION_ONLY, pytest.param(PLACE_AND_VELOCITY, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "mask", [POSITION_ONLY, pytest.param(PLACE_AND_VELOCITY, marks=pytest.mark.slow)]
+)
 def test_with_a_slow_attitude_loop_and_late_positions_by_less_than_6_cm(mask):
     assert max(past for _, past in flown_ramp(mask, slow=True, wall_m=9.0)) < 0.06
 

@@ -39,14 +39,18 @@ def test_wall_distance_is_horizontal_and_faces_the_beam():
 
 
 def wall_at(slant, rotation, height=math.inf, radius=0.165):
-    return float(plane_distance("wall", RIGHT, np.zeros(3), slant, rotation, height, radius).distance_m)
+    return float(
+        plane_distance("wall", RIGHT, np.zeros(3), slant, rotation, height, radius).distance_m
+    )
 
 
 def test_a_wall_beam_that_meets_the_ground_is_no_wall():
     rolled_right = turned(roll=0.3)
     assert math.isnan(wall_at(1.7, rolled_right, 0.5))
     assert wall_at(1.0, rolled_right, 0.5) == pytest.approx(math.cos(0.3))
-    assert math.isinf(wall_at(3.0, rolled_right, 0.5)), "it got so far that a wall behind it does not matter"
+    assert math.isinf(wall_at(3.0, rolled_right, 0.5)), (
+        "it got so far that a wall behind it does not matter"
+    )
 
 
 def test_steep_incidence_tells_nothing_and_a_clear_beam_still_does():
@@ -58,11 +62,16 @@ def test_steep_incidence_tells_nothing_and_a_clear_beam_still_does():
 
 def test_a_far_reading_to_the_side_is_no_wall_and_a_far_ground_is_ground():
     assert math.isinf(wall_at(6.0, turned()))
-    assert plane_distance("ground", DOWN, np.zeros(3), 6.0, turned(), rotor_radius_m=0.165).distance_m == 6.0
+    assert (
+        plane_distance("ground", DOWN, np.zeros(3), 6.0, turned(), rotor_radius_m=0.165).distance_m
+        == 6.0
+    )
 
 
 def test_a_record_gives_what_its_instants_give():
-    rotations = np.stack([turned(r, p, y) for r, p, y in ((0.0, 0.1, 0.3), (0.2, -0.1, 2.0), (0.6, 0.0, 0.0))])
+    rotations = np.stack(
+        [turned(r, p, y) for r, p, y in ((0.0, 0.1, 0.3), (0.2, -0.1, 2.0), (0.6, 0.0, 0.0))]
+    )
     slants, heights = np.array([0.5, math.inf, 1.0]), np.array([1.0, math.nan, 0.4])
     mount, vehicle = np.array([0.1, 0.2, -0.05]), default_vehicle()
     for target, beam in (("wall", RIGHT), ("ground", DOWN), ("ceiling", -DOWN)):
@@ -74,9 +83,9 @@ def test_a_record_gives_what_its_instants_give():
             assert one.distance_m == pytest.approx(whole.distance_m[k], nan_ok=True)
             assert one.normal_ned == pytest.approx(whole.normal_ned[k])
             assert wall_bearing(one.normal_ned, rotations[k]) == pytest.approx(bearings[k])
-            assert fan_wall_distances(vehicle, one.distance_m, one.normal_ned, rotations[k]) == pytest.approx(
-                lips[k], nan_ok=True
-            )
+            assert fan_wall_distances(
+                vehicle, one.distance_m, one.normal_ned, rotations[k]
+            ) == pytest.approx(lips[k], nan_ok=True)
 
 
 NORTH, EAST, NORTH_EAST = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.87, 0.5, 0.0)
@@ -88,10 +97,15 @@ NORTH, EAST, NORTH_EAST = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.87, 0.5, 0.0)
         ((0.9, 0.5, 0.7), (1, 2, True)),  # north-east is 60 degrees off the nearest: another wall
         ((0.4, math.inf, 0.5), (0, -1, True)),  # 30 degrees apart: one wall
         ((math.inf, math.inf, math.inf), (-1, -1, True)),
-        ((0.4, math.nan, 0.5), (-1, -1, False)),  # the beam that tells nothing may look at the nearest
+        (
+            (0.4, math.nan, 0.5),
+            (-1, -1, False),
+        ),  # the beam that tells nothing may look at the nearest
     ],
 )
-def test_the_nearest_wall_is_the_models_and_the_nearest_at_another_bearing_the_second(distances, chosen):
+def test_the_nearest_wall_is_the_models_and_the_nearest_at_another_bearing_the_second(
+    distances, chosen
+):
     walls = choose_walls(distances, (NORTH, EAST, NORTH_EAST))
     assert (int(walls.first), int(walls.second), bool(walls.known)) == chosen
 

@@ -51,7 +51,9 @@ def test_a_folder_or_a_template_names_by_date_and_boot(tmp_path: Path, name: str
             fill(recorder, 1)
     names = sorted(p.name for p in folder.iterdir())
     assert len(names) == 2
-    assert all(("0123abcd" in n) == (name != "garden_{date}.tlog") and n.endswith(".tlog") for n in names)
+    assert all(
+        ("0123abcd" in n) == (name != "garden_{date}.tlog") and n.endswith(".tlog") for n in names
+    )
 
 
 def test_a_folder_that_does_not_exist_is_a_wrong_argument(tmp_path: Path):
@@ -60,7 +62,9 @@ def test_a_folder_that_does_not_exist_is_a_wrong_argument(tmp_path: Path):
 
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.ENOSPC])
-def test_a_folder_that_takes_nothing_is_said_once_and_the_flight_goes_on(tmp_path: Path, number: int, monkeypatch):
+def test_a_folder_that_takes_nothing_is_said_once_and_the_flight_goes_on(
+    tmp_path: Path, number: int, monkeypatch
+):
     def refuse(*_: object) -> int:
         raise OSError(number, os.strerror(number))
 
@@ -126,7 +130,9 @@ def test_every_byte_before_a_kill_is_readable(tmp_path: Path):
         os.kill(os.getpid(), signal.SIGKILL)
     """
     path = tmp_path / "f.tlog"
-    killed = subprocess.run([sys.executable, "-c", textwrap.dedent(script), str(path), BEAT.hex()], check=False)
+    killed = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script), str(path), BEAT.hex()], check=False
+    )
     assert killed.returncode == -signal.SIGKILL
     log = read_tlog(path)
     assert len(log) == 1000

@@ -35,7 +35,9 @@ def of(part: str, **changes: object) -> Change:
 
 def late(seconds: float) -> Change:
     """The newest attitude arrived so late."""
-    return lambda s: replace(s, estimates=replace(s.estimates, attitude=replace(s.estimates.attitude, late_s=seconds)))
+    return lambda s: replace(
+        s, estimates=replace(s.estimates, attitude=replace(s.estimates.attitude, late_s=seconds))
+    )
 
 
 def of_state(**changes: object) -> Change:

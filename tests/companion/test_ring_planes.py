@@ -44,11 +44,16 @@ def ring_of(count, walls, rows=LEVEL, start=0.0, northward=False, reach=8.0, cha
     out = []
     for bearing in bearings:
         level = (math.cos(bearing), math.sin(bearing), 0.0)
-        beam = level if northward else tuple(sum(a * b for a, b in zip(row, level, strict=True)) for row in rows)
+        beam = (
+            level
+            if northward
+            else tuple(sum(a * b for a, b in zip(row, level, strict=True)) for row in rows)
+        )
         hits = [
             d / toward
             for b, d in walls
-            if (toward := beam[0] * math.cos(b) + beam[1] * math.sin(b)) > 1e-6 and d / toward < reach
+            if (toward := beam[0] * math.cos(b) + beam[1] * math.sin(b)) > 1e-6
+            and d / toward < reach
         ]
         out.append(min(hits, default=math.inf))
     for k, value in (change or {}).items():
@@ -59,7 +64,10 @@ def ring_of(count, walls, rows=LEVEL, start=0.0, northward=False, reach=8.0, cha
 def seen(ring, rows=LEVEL, height=math.inf):
     """(bearing in degrees, distance) of each wall."""
     view = ring_view(ring, rows, (0.0, 0.0, 0.0), height, VEHICLE)
-    return [(math.degrees(math.atan2(p.normal_ned[1], p.normal_ned[0])), p.distance_m) for p in view.planes]
+    return [
+        (math.degrees(math.atan2(p.normal_ned[1], p.normal_ned[0])), p.distance_m)
+        for p in view.planes
+    ]
 
 
 @pytest.mark.parametrize("count", [8, 12, 36, 72])
@@ -126,9 +134,17 @@ def test_a_direction_that_is_unknown_hides_a_wall_and_one_that_is_clear_does_not
     view = ring_view(ring_of(8, []), LEVEL, (0.0, 0.0, 0.0), math.inf, VEHICLE)
     assert view.sees(toward)
     assert view.sees(None)
-    view = ring_view(ring_of(8, [], change={2: math.nan}), LEVEL, (0.0, 0.0, 0.0), math.inf, VEHICLE)
+    view = ring_view(
+        ring_of(8, [], change={2: math.nan}), LEVEL, (0.0, 0.0, 0.0), math.inf, VEHICLE
+    )
     assert not view.sees(toward)
-    blind = ring_view(ring_of(8, [], change=dict.fromkeys(range(8), math.nan)), LEVEL, (0.0,) * 3, math.inf, VEHICLE)
+    blind = ring_view(
+        ring_of(8, [], change=dict.fromkeys(range(8), math.nan)),
+        LEVEL,
+        (0.0,) * 3,
+        math.inf,
+        VEHICLE,
+    )
     assert not blind.sees(None)
 
 
@@ -144,7 +160,9 @@ def test_walls_keep_their_places_when_the_other_comes_nearer():
 
     before = [p.normal_ned for p in placed(view(0.9, 1.0), [None, None])]
     assert [p.distance_m for p in placed(view(1.0, 0.9), before)] == pytest.approx([1.0, 0.9])
-    assert [p.distance_m for p in placed(view(100.0, 0.9), before)] == pytest.approx([math.inf, 0.9])
+    assert [p.distance_m for p in placed(view(100.0, 0.9), before)] == pytest.approx(
+        [math.inf, 0.9]
+    )
 
 
 @pytest.mark.parametrize("place", [1, 2, 3])
@@ -163,7 +181,9 @@ def decoded(distances, *, increment=0, fine=0.0, offset=0.0, frame=12, low=5, hi
 
 def test_distances_on_the_wire_are_metres_nothing_or_unknown():
     ring = decoded([100, 801, 65535, 5, 0, 250], increment=45)
-    assert ring.distances_m[:6] == pytest.approx((1.0, math.inf, math.nan, math.nan, math.nan, 2.5), nan_ok=True)
+    assert ring.distances_m[:6] == pytest.approx(
+        (1.0, math.inf, math.nan, math.nan, math.nan, 2.5), nan_ok=True
+    )
     assert len(ring.distances_m) == 8
     assert ring.bearings_rad == pytest.approx([k * math.pi / 4.0 for k in range(8)])
     assert not ring.northward
@@ -176,7 +196,9 @@ def test_the_fine_increment_the_offset_and_the_frame():
     assert ring.northward
 
 
-@pytest.mark.parametrize("bad", [{"increment": 0}, {"fine": math.nan}, {"fine": -5.0}, {"increment": 5, "frame": 3}])
+@pytest.mark.parametrize(
+    "bad", [{"increment": 0}, {"fine": math.nan}, {"fine": -5.0}, {"increment": 5, "frame": 3}]
+)
 def test_a_ring_without_directions_is_no_ring(bad):
     assert decoded([100] * 72, **bad) is None
 
@@ -260,9 +282,14 @@ def test_a_ring_whose_frame_and_offset_change_sees_the_wall_where_it_is():
 @pytest.mark.parametrize("shift", [-0.9, 0.9])
 def test_ground_far_away_is_no_wall_where_attitude_and_reading_differ_by_a_degree(shift):
     """Low over ground: what a tilted ring sees 4 m away is the ground, though by its attitude it ends above it."""
-    true, said = (rotation_rows(*quaternion_from_euler(math.radians(a), 0.0, 0.0)) for a in (-3.0, -3.0 + shift))
+    true, said = (
+        rotation_rows(*quaternion_from_euler(math.radians(a), 0.0, 0.0))
+        for a in (-3.0, -3.0 + shift)
+    )
     x, y, _ = true[2]
-    slopes = {k: x * math.cos(k * math.pi / 36.0) + y * math.sin(k * math.pi / 36.0) for k in range(72)}
+    slopes = {
+        k: x * math.cos(k * math.pi / 36.0) + y * math.sin(k * math.pi / 36.0) for k in range(72)
+    }
     ground = {k: 0.2 / slope for k, slope in slopes.items() if slope > 0.03}
     assert len(ground) > 20
     assert seen(ring_of(72, [], true, change=ground), said, height=0.2) == []
@@ -326,7 +353,9 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
     _, _, path, model = corner_flights
     frames = list(read_tlog(path).frames())
     heard = [cut(raw, 0) for _, raw in frames]
-    sent = [f.payload for f in heard if f.component == OWN_COMPONENT and f.id == SET_ATTITUDE_TARGET]
+    sent = [
+        f.payload for f in heard if f.component == OWN_COMPONENT and f.id == SET_ATTITUDE_TARGET
+    ]
     replay = Replay(PipelineConfig(RINGED, model))
     decided = {encode(d.command, 1)[1] for d in replay.decisions(frames) if d.command is not None}
     assert replay.samples["Ring"] > 500
@@ -339,9 +368,13 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
 def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
     listener = Listener(replace(CONFIG, vehicle=VEHICLE))
     listener.samples[Ring] = [ring_of(8, [(0.0, 1.0)])]
-    (item,) = [i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"]
+    (item,) = [
+        i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"
+    ]
     assert item.verdict is Verdict.WARN
     assert "ring = 8" in (item.do or "")
     listener = Listener(replace(CONFIG, vehicle=RINGED))
-    (item,) = [i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"]
+    (item,) = [
+        i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"
+    ]
     assert item.verdict is Verdict.FAIL

@@ -32,7 +32,9 @@ def frames(count: int) -> list[bytes]:
     mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     out = []
     for k in range(count):
-        out.append(bytes(mav.attitude_quaternion_encode(20_000 + 20 * k, 1, 0, 0, 0, 0.1, 0, 0).pack(mav)))
+        out.append(
+            bytes(mav.attitude_quaternion_encode(20_000 + 20 * k, 1, 0, 0, 0, 0.1, 0, 0).pack(mav))
+        )
         mav.seq = (mav.seq + 1) % 256
     return out
 
@@ -60,7 +62,9 @@ def test_frames_in_pieces_are_all_read_and_no_read_blocks(port, baud):
     link.close()
     assert got == sent
     assert link.bad == 0
-    assert reads > len(sent), "a drain returns with what is there instead of waiting for a whole frame"
+    assert reads > len(sent), (
+        "a drain returns with what is there instead of waiting for a whole frame"
+    )
 
 
 def test_half_a_frame_is_kept_until_the_rest_comes(port):

@@ -63,9 +63,15 @@ def test_gains_are_chosen_once_a_second() -> None:
 def test_a_swing_softens_the_gains_at_once_and_is_said() -> None:
     state, config = flying()
     firm = retuned(replace(state, tuned_s=-math.inf), config, state.t_s)
-    swung = replace(firm, swing=replace(firm.swing, level=1, stepped_s=state.t_s, swung_s=state.t_s), tuned_s=-math.inf)
+    swung = replace(
+        firm,
+        swing=replace(firm.swing, level=1, stepped_s=state.t_s, swung_s=state.t_s),
+        tuned_s=-math.inf,
+    )
     soft = retuned(swung, config, state.t_s)
     assert firm.tuned is not None
     assert soft.tuned is not None
     assert soft.tuned.share < firm.tuned.share
-    assert soft.notice != (Notice.SLOW_PLANT, state.t_s), "gains that a swing made soft say nothing of the vehicle"
+    assert soft.notice != (Notice.SLOW_PLANT, state.t_s), (
+        "gains that a swing made soft say nothing of the vehicle"
+    )

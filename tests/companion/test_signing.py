@@ -47,7 +47,9 @@ class SigningAutopilot(FakeAutopilot):
             self.forged += 1
 
 
-def fly(autopilot: SigningAutopilot, key: Path, port: int, record: Path, forge: bool = False) -> dict[str, Any]:
+def fly(
+    autopilot: SigningAutopilot, key: Path, port: int, record: Path, forge: bool = False
+) -> dict[str, Any]:
     command = flight_command(
         port, "--signing-key", str(key), "--json", "-", "--record", str(record), "--duration", "60"
     )
@@ -82,7 +84,13 @@ def test_a_peer_that_signs_is_flown_and_takes_what_is_signed(tmp_path: Path, key
     assert report["messages"]["bad"] == 0
     assert report["commands"] > 30
     kinds = {m.get_type() for m in autopilot.received}
-    assert {"HEARTBEAT", "COMMAND_LONG", "PARAM_REQUEST_READ", "NAMED_VALUE_FLOAT", "SET_ATTITUDE_TARGET"} <= kinds
+    assert {
+        "HEARTBEAT",
+        "COMMAND_LONG",
+        "PARAM_REQUEST_READ",
+        "NAMED_VALUE_FLOAT",
+        "SET_ATTITUDE_TARGET",
+    } <= kinds
     # The recording holds both directions, signatures included, and reads without a key.
     sent = [raw for _, raw in read_tlog(record).frames() if raw[6] == 191]
     assert len(sent) > 30
@@ -90,7 +98,9 @@ def test_a_peer_that_signs_is_flown_and_takes_what_is_signed(tmp_path: Path, key
 
 
 @pytest.mark.slow
-def test_what_somebody_else_sends_unsigned_is_counted_and_changes_nothing(tmp_path: Path, key: Path):
+def test_what_somebody_else_sends_unsigned_is_counted_and_changes_nothing(
+    tmp_path: Path, key: Path
+):
     port = free_port()
     autopilot = SigningAutopilot(port)
     report = fly(autopilot, key, port, tmp_path / "forged.tlog", forge=True)

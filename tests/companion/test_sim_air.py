@@ -35,9 +35,15 @@ def test_even_undisturbed_the_model_is_wrong_about_the_simulated_air():
 
 def test_no_scaling_of_the_model_gives_the_simulated_air():
     """The shape differs, not only the size: after the best common factor a twentieth is left."""
-    places = [(eta, delta) for eta in (1.0, 1.5, 2.0, 3.0, math.inf) for delta in (0.35, 0.75, 1.5, 2.5, math.inf)]
+    places = [
+        (eta, delta)
+        for eta in (1.0, 1.5, 2.0, 3.0, math.inf)
+        for delta in (0.35, 0.75, 1.5, 2.5, math.inf)
+    ]
     model = np.array([believed(eta, delta) for eta, delta in places])
-    truth = np.array([(i.z, i.x, i.my) for i in (NOMINAL.increments(eta, delta) for eta, delta in places)])
+    truth = np.array(
+        [(i.z, i.x, i.my) for i in (NOMINAL.increments(eta, delta) for eta, delta in places)]
+    )
     for k in range(3):
         factor = model[:, k] @ truth[:, k] / (model[:, k] @ model[:, k])
         left = np.linalg.norm(truth[:, k] - factor * model[:, k]) / np.linalg.norm(truth[:, k])
@@ -49,9 +55,13 @@ def test_what_both_have_to_respect():
     assert all(a > b for a, b in pairwise(over_ground)), "lift falls with height"
     assert over_ground[0] > 0.05
     at_wall = [NOMINAL.increments(math.inf, delta) for delta in np.linspace(0.1, 3.7, 60)]
-    assert all(a.x > b.x > 0.0 and a.my > b.my > 0.0 for a, b in pairwise(at_wall)), "drawn and tilted to the wall"
+    assert all(a.x > b.x > 0.0 and a.my > b.my > 0.0 for a, b in pairwise(at_wall)), (
+        "drawn and tilted to the wall"
+    )
     corner = [NOMINAL.increments(eta, 1.0).z for eta in np.linspace(1.0, 4.0, 60)]
-    assert min(corner) < 0.0 < corner[0], "in the corner lift is lost where the flow off the wall is drawn in"
+    assert min(corner) < 0.0 < corner[0], (
+        "in the corner lift is lost where the flow off the wall is drawn in"
+    )
 
 
 @given(st.floats(4.0, 100.0), st.floats(3.8, 100.0))

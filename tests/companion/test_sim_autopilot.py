@@ -45,7 +45,9 @@ def test_attitude_step_takes_as_long_as_measured(name, axis):
     history = stream(peer, 0.6, thrust=thrust, **{axis: 3.0})
     start = history[0][column]
     reached = {
-        share: next(t for t, *angles in history if angles[column - 1] - start >= share * (3.0 - start))
+        share: next(
+            t for t, *angles in history if angles[column - 1] - start >= share * (3.0 - start)
+        )
         for share in (0.10, 0.63, 0.90)
     }
     assert reached[0.10] == pytest.approx(0.09, abs=0.035)
@@ -68,7 +70,16 @@ def approach():
         if flight.script_s >= 0.0 and len(rows) < (flight.script_s + 0.02) / 0.02:
             b = flight.body
             need = flight.needed_tilt()
-            rows.append((flight.script_s, *b.position, *flight.reference.position, *b.euler()[:2], *need, b.contact))
+            rows.append(
+                (
+                    flight.script_s,
+                    *b.position,
+                    *flight.reference.position,
+                    *b.euler()[:2],
+                    *need,
+                    b.contact,
+                )
+            )
     names = (
         "script_s",
         "n",
@@ -170,7 +181,9 @@ def test_angle_boost_is_applied_for_the_sender():
 
 
 @pytest.mark.parametrize(
-    "bad", [{"mask": 7 | 64}, {"scale": 0.9}, {"mask": 7 | 128}], ids=["no throttle", "not unit", "nothing"]
+    "bad",
+    [{"mask": 7 | 64}, {"scale": 0.9}, {"mask": 7 | 128}],
+    ids=["no throttle", "not unit", "nothing"],
 )
 def test_unusable_attitude_targets_are_dropped_silently(bad):
     peer = hovering()
@@ -209,7 +222,9 @@ def test_acceleration_does_not_cancel_a_disturbance():
     assert abs(math.degrees(peer.flight.body.euler()[1]) - before) < 0.7
 
 
-@pytest.mark.parametrize(("px4", "lean_deg"), [(True, -math.degrees(math.atan(0.3 / 9.80665))), (False, 0.0)])
+@pytest.mark.parametrize(
+    ("px4", "lean_deg"), [(True, -math.degrees(math.atan(0.3 / 9.80665))), (False, 0.0)]
+)
 def test_only_px4_adds_the_acceleration_behind_the_velocity_controller(px4, lean_deg):
     commands = []
     for accel in (0.0, 0.3):

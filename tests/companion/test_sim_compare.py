@@ -31,11 +31,15 @@ PHASE = np.minimum((TIME / 10.0).astype(int), 3)
 """Ten seconds low, at the wall and in the corner, then between."""
 
 
-def leg(which: Leg, seed: int, air: float, touched: float = 0.0, approach_s: float = math.inf) -> Flown:
+def leg(
+    which: Leg, seed: int, air: float, touched: float = 0.0, approach_s: float = math.inf
+) -> Flown:
     """A flight whose error is the trajectory's own (1 cm, 1 deg) plus ``air`` times what the air adds."""
     error = 0.01 * TRAJECTORY + 0.02 * air * AIR
     both = np.column_stack([error, np.zeros_like(error)])
-    return Flown(which, seed, TIME, error, both, np.radians(100.0) * both, touched, PHASE, approach_s)
+    return Flown(
+        which, seed, TIME, error, both, np.radians(100.0) * both, touched, PHASE, approach_s
+    )
 
 
 def flights(seed: int = 1, left: float = 0.4) -> list[Flown]:
@@ -88,7 +92,10 @@ def test_table_shows_every_leg_with_its_numbers():
     assert float(rows[Leg.OFF.value][3]) == pytest.approx(off.peak("lateral"), abs=0.06)
     assert "1.5 s" in text
     assert "simulated" in text
-    assert "model: shipped, wrong about this air by 20 % in lift, 21 % in pull, 15 % in tilt; no offsets: 100 %" in text
+    assert (
+        "model: shipped, wrong about this air by 20 % in lift, 21 % in pull, 15 % in tilt; no offsets: 100 %"
+        in text
+    )
 
 
 def test_table_of_several_seeds_gives_mean_and_sd():
@@ -102,8 +109,15 @@ def test_json_has_means_shares_and_every_flight():
     assert report["seeds"] == [1, 2]
     assert set(report["legs"]) == {"autopilot", "off", "on", "free"}
     assert report["legs"]["on"]["height"]["rms"]["sd"] == pytest.approx(0.0)
-    assert report["air_caused_part_removed"]["on"]["paired"]["tilt"] == pytest.approx(0.84, abs=1e-3)
-    assert report["model_error"] == {"lift": 0.2, "pull": 0.21, "tilt": 0.15, "without_offsets": 1.0}
+    assert report["air_caused_part_removed"]["on"]["paired"]["tilt"] == pytest.approx(
+        0.84, abs=1e-3
+    )
+    assert report["model_error"] == {
+        "lift": 0.2,
+        "pull": 0.21,
+        "tilt": 0.15,
+        "without_offsets": 1.0,
+    }
     assert len(report["flights"]) == 8
 
 
@@ -111,7 +125,11 @@ def test_text_and_json_say_the_error_phase_by_phase():
     off = flights()[1]
     (found,) = as_json(compared(*flights()))["legs"]["off"]["approaches"]
     assert list(found) == ["all", *PHASES]
-    row = next(line for line in as_text(compared(*flights())).splitlines()[9:] if line.startswith(Leg.OFF.value))
+    row = next(
+        line
+        for line in as_text(compared(*flights())).splitlines()[9:]
+        if line.startswith(Leg.OFF.value)
+    )
     cells = [float(v) for v in row[28:].replace("/", " ").split()]
     for k, phase in enumerate(found):
         for axis, cell in zip(("height", "lateral"), cells[2 * k : 2 * k + 2], strict=True):
@@ -124,8 +142,12 @@ def test_approaches_are_told_one_by_one():
     several = [leg(Leg.OFF, 1, 1.0, approach_s=25.0), leg(Leg.ADAPTED, 1, 0.4, approach_s=25.0)]
     first, second = as_json(compared(*several))["legs"]["adapted"]["approaches"]
     half = len(TIME) // 2
-    assert first["all"]["height"] == pytest.approx(np.sqrt(np.mean(several[1].size("height")[:half] ** 2)), abs=1e-3)
-    assert second["all"]["height"] == pytest.approx(np.sqrt(np.mean(several[1].size("height")[half:] ** 2)), abs=1e-3)
+    assert first["all"]["height"] == pytest.approx(
+        np.sqrt(np.mean(several[1].size("height")[:half] ** 2)), abs=1e-3
+    )
+    assert second["all"]["height"] == pytest.approx(
+        np.sqrt(np.mean(several[1].size("height")[half:] ** 2)), abs=1e-3
+    )
     text = as_text(compared(*several))
     assert "2 approaches" in text
     assert text.count("approach 2") == 2
@@ -144,19 +166,43 @@ def test_the_picture_shows_lines_and_phases(tmp_path: Path):
 
 def truth(**changes: np.ndarray) -> dict[str, np.ndarray]:
     zero = np.zeros_like(TIME)
-    names = ("n", "e", "d", "ref_n", "ref_e", "ref_d", "roll", "pitch", "need_roll", "need_pitch", "contact", "phase")
-    return {"script_s": TIME, "streamed": np.ones_like(TIME), **{name: zero for name in names}, **changes}
+    names = (
+        "n",
+        "e",
+        "d",
+        "ref_n",
+        "ref_e",
+        "ref_d",
+        "roll",
+        "pitch",
+        "need_roll",
+        "need_pitch",
+        "contact",
+        "phase",
+    )
+    return {
+        "script_s": TIME,
+        "streamed": np.ones_like(TIME),
+        **{name: zero for name in names},
+        **changes,
+    }
 
 
 def test_errors_are_the_truth_minus_the_reference_without_the_start_offset():
-    result = flown(Leg.ON, 1, truth(d=np.full_like(TIME, -1.17) + 0.05 * (TIME > 20.0), ref_d=np.full_like(TIME, -1.2)))
+    result = flown(
+        Leg.ON,
+        1,
+        truth(d=np.full_like(TIME, -1.17) + 0.05 * (TIME > 20.0), ref_d=np.full_like(TIME, -1.2)),
+    )
     assert result.peak("height") == pytest.approx(50.0)
     assert result.height[-1] == pytest.approx(-0.05)  # above the ground is positive
     assert result.rms("lateral") == 0.0
 
 
 def test_tilt_error_is_against_the_tilt_that_the_air_needs():
-    result = flown(Leg.ON, 1, truth(roll=np.full_like(TIME, 0.02), need_roll=np.full_like(TIME, -0.01)))
+    result = flown(
+        Leg.ON, 1, truth(roll=np.full_like(TIME, 0.02), need_roll=np.full_like(TIME, -0.01))
+    )
     assert result.rms("tilt") == pytest.approx(math.degrees(0.03))
 
 
@@ -183,15 +229,24 @@ def test_the_reference_in_the_truth_is_a_line_and_no_steps():
     assert np.diff(columns["script_s"]) == pytest.approx(STEP_S)
     for axis, name in enumerate("ned"):
         speed = np.array([flight.scenario.reference(t).velocity[axis] for t in columns["script_s"]])
-        assert np.diff(columns[f"ref_{name}"]) == pytest.approx(0.5 * STEP_S * (speed[1:] + speed[:-1]), abs=5e-5)
+        assert np.diff(columns[f"ref_{name}"]) == pytest.approx(
+            0.5 * STEP_S * (speed[1:] + speed[:-1]), abs=5e-5
+        )
     assert set(columns["phase"]) == {0.0, 1.0, 2.0, 3.0}
     assert not columns["streamed"].any()
 
 
 def test_jobs_keep_their_order(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(compare, "fly", lambda settings, which, seed: leg(which, seed, 0.0))
-    result = compare.run_compare([1, 2], compare.CompareSettings(), legs=(Leg.OFF, Leg.ON), workers=1)
-    assert [(f.seed, f.leg) for f in result] == [(1, Leg.OFF), (1, Leg.ON), (2, Leg.OFF), (2, Leg.ON)]
+    result = compare.run_compare(
+        [1, 2], compare.CompareSettings(), legs=(Leg.OFF, Leg.ON), workers=1
+    )
+    assert [(f.seed, f.leg) for f in result] == [
+        (1, Leg.OFF),
+        (1, Leg.ON),
+        (2, Leg.OFF),
+        (2, Leg.ON),
+    ]
 
 
 @pytest.fixture
@@ -201,7 +256,9 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         compare,
         "build",
-        lambda name, vehicle, air=True: replace(build("hover", vehicle, air=air), waypoints=waypoints),
+        lambda name, vehicle, air=True: replace(
+            build("hover", vehicle, air=air), waypoints=waypoints
+        ),
     )
     monkeypatch.setattr(compare.os, "cpu_count", lambda: 1)
 
@@ -220,9 +277,21 @@ def test_adaptation_flies_and_three_approaches_of_it(capsys: pytest.CaptureFixtu
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short")
-def test_the_leg_without_offsets_is_recorded_and_the_picture_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_leg_without_offsets_is_recorded_and_the_picture_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     log, picture = tmp_path / "off.tlog", tmp_path / "errors.svg"
-    arguments = ["--connect", "sim:hover", "--compare", "--record", str(log), "--plot", str(picture), "--model", "none"]
+    arguments = [
+        "--connect",
+        "sim:hover",
+        "--compare",
+        "--record",
+        str(log),
+        "--plot",
+        str(picture),
+        "--model",
+        "none",
+    ]
     assert companion(arguments) == 0
     assert "model: none, wrong about this air by 100 % in lift" in capsys.readouterr().out
     assert picture.exists()

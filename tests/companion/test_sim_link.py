@@ -55,9 +55,16 @@ def test_a_requested_stream_comes_at_its_rate(kind):
 @pytest.mark.parametrize(("px4", "hz"), [(False, 4), (True, 50)])
 def test_a_rate_for_whole_groups_replaces_what_was_asked_for_on_ardupilot(px4, hz):
     peer = hovering(px4=px4)
-    for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION):
+    for number in (
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    ):
         assert peer.interval(number, 50.0) == mavlink.MAV_RESULT_ACCEPTED
-    peer.say(mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_ALL, 4, 1), 255, 230)
+    peer.say(
+        mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_ALL, 4, 1),
+        255,
+        230,
+    )
     peer.messages()
     peer.run(1.0)
     heard = [m.get_type() for m in peer.messages()]
@@ -141,7 +148,13 @@ def test_parameters_are_served_and_set():
     peer.say(mavlink.MAVLink_param_request_list_message(1, 1))
     peer.run(0.5)
     served = {m.param_id: m.param_value for m in peer.messages("PARAM_VALUE")}
-    assert {"GUID_OPTIONS", "GUID_TIMEOUT", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_HOVER"} <= set(served)
+    assert {
+        "GUID_OPTIONS",
+        "GUID_TIMEOUT",
+        "MOT_SPIN_MIN",
+        "MOT_SPIN_MAX",
+        "MOT_THST_HOVER",
+    } <= set(served)
     true_hover = peer.flight.autopilot.throttle
     assert served["MOT_THST_HOVER"] < 0.95 * true_hover  # off, as on the real one
     peer.say(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
@@ -152,7 +165,11 @@ def test_parameters_are_served_and_set():
 def test_messages_to_another_system_are_not_ours():
     peer = hovering()
     peer.frames.clear()
-    peer.say(mavlink.MAVLink_command_long_message(7, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7))
+    peer.say(
+        mavlink.MAVLink_command_long_message(
+            7, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7
+        )
+    )
     peer.say(mavlink.MAVLink_set_attitude_target_message(0, 7, 1, 7, [1, 0, 0, 0], 0, 0, 0, 0.5))
     assert peer.messages() == []
     assert peer.link.taken == 0
@@ -189,10 +206,13 @@ def test_the_pilot_takes_off_and_speaks_to_the_companion_through_the_router():
     targets = [m for m in found if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert peer.flight.script_s > 0.0
     assert targets
-    assert {(m.get_srcSystem(), m.get_srcComponent(), m.target_system, m.target_component) for m in targets} == {
-        (255, 190, 1, 191)
-    }
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in found if m.get_type() == "HEARTBEAT"} == {
+    assert {
+        (m.get_srcSystem(), m.get_srcComponent(), m.target_system, m.target_component)
+        for m in targets
+    } == {(255, 190, 1, 191)}
+    assert {
+        (m.get_srcSystem(), m.get_srcComponent()) for m in found if m.get_type() == "HEARTBEAT"
+    } == {
         (1, 1),
         (255, 190),
     }
@@ -321,7 +341,10 @@ def test_sticks_fly_a_velocity_and_where_they_end_is_held():
 
 
 def test_without_gps_the_estimate_goes_astray_and_says_so_after_five_seconds():
-    number = {True: mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, False: mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT}
+    number = {
+        True: mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+        False: mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+    }
     for px4, kind in ((True, "ESTIMATOR_STATUS"), (False, "EKF_STATUS_REPORT")):
         peer = hovering(px4=px4)
         assert peer.interval(number[px4], 10.0) == ACCEPTED
@@ -371,7 +394,22 @@ def test_a_target_in_the_body_frame_is_turned_and_added():
             mask = 0x38 | 0x1C0 | 0x800 | 0x400
             peer.say(
                 mavlink.MAVLink_set_position_target_local_ned_message(
-                    0, 1, 1, mavlink.MAV_FRAME_BODY_OFFSET_NED, mask, 0.5, 0.0, -0.2, 0, 0, 0, 0, 0, 0, 0, 0
+                    0,
+                    1,
+                    1,
+                    mavlink.MAV_FRAME_BODY_OFFSET_NED,
+                    mask,
+                    0.5,
+                    0.0,
+                    -0.2,
+                    0,
+                    0,
+                    0,
+                    0,
+                    0,
+                    0,
+                    0,
+                    0,
                 ),
                 255,
                 190,
@@ -388,7 +426,22 @@ def test_with_no_companion_the_autopilot_flies_what_is_for_it():
             peer.say(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
         peer.say(
             mavlink.MAVLink_set_position_target_local_ned_message(
-                0, 1, 191, 1, 0x38 | 0x1C0 | 0x800 | 0x400, 1.0, 0.0, -HEIGHT_M, 0, 0, 0, 0, 0, 0, 0, 0
+                0,
+                1,
+                191,
+                1,
+                0x38 | 0x1C0 | 0x800 | 0x400,
+                1.0,
+                0.0,
+                -HEIGHT_M,
+                0,
+                0,
+                0,
+                0,
+                0,
+                0,
+                0,
+                0,
             ),
             255,
             190,
@@ -432,7 +485,10 @@ def test_wind_pushes():
 
 
 def test_heartbeat_tells_which_autopilot_flies():
-    for px4, firmware in ((False, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA), (True, mavlink.MAV_AUTOPILOT_PX4)):
+    for px4, firmware in (
+        (False, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        (True, mavlink.MAV_AUTOPILOT_PX4),
+    ):
         peer = hovering(px4=px4)
         peer.run(1.0)
         beat = peer.messages("HEARTBEAT")[0]

@@ -55,7 +55,9 @@ def test_it_ends_with_its_parent():
         "    print(sim.process.pid, flush=True)\n    time.sleep(60)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment
+    )
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
     parent.send_signal(signal.SIGKILL)
@@ -63,7 +65,9 @@ def test_it_ends_with_its_parent():
     parent.stdout.close()
     for _ in range(100):
         try:
-            state = Path(f"/proc/{child}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
+            state = (
+                Path(f"/proc/{child}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
+            )
         except OSError:
             return
         if state == "Z":
@@ -81,7 +85,10 @@ class Broken(Nobody):
 
 
 def test_a_vehicle_that_does_not_start_is_said():
-    with pytest.raises(LinkError, match="sim:hover: the built-in vehicle did not start"), launch(hover(), Broken):
+    with (
+        pytest.raises(LinkError, match="sim:hover: the built-in vehicle did not start"),
+        launch(hover(), Broken),
+    ):
         pass
 
 
@@ -94,7 +101,16 @@ def test_every_phase_once_and_one_end():
         flight.script_began_s = -0.1 * (k + 1)
         narrator.step()
     ground = ["free", "descend", "ground", "climb", "free"]
-    corner = ["approach", "wall", "descend at wall", "corner", "climb at wall", "wall", "retreat", "free"]
+    corner = [
+        "approach",
+        "wall",
+        "descend at wall",
+        "corner",
+        "climb at wall",
+        "wall",
+        "retreat",
+        "free",
+    ]
     assert [text.partition(" (")[0] for text in said] == [*ground, *corner, ""]
 
 

@@ -30,7 +30,8 @@ def test_no_reference_meets_ground_or_wall(name, which):
     s = build(name, v)
     azimuth = wall_azimuth(v)
     reach = max(
-        f.position_m[0] * math.cos(azimuth) + f.position_m[1] * math.sin(azimuth) + f.lip_radius_m for f in v.fans
+        f.position_m[0] * math.cos(azimuth) + f.position_m[1] * math.sin(azimuth) + f.lip_radius_m
+        for f in v.fans
     )
     for k in range(int(s.duration_s * 20)):
         n, e, d = s.reference(0.05 * k).position

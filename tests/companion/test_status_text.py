@@ -33,7 +33,9 @@ def decoded(sent):
 SENTENCES = [r.value for r in Reason] + [n.value for n in Notice]
 
 
-@given(st.lists(st.text("abcdefghij", min_size=1, max_size=49), min_size=1, max_size=30).map(" ".join))
+@given(
+    st.lists(st.text("abcdefghij", min_size=1, max_size=49), min_size=1, max_size=30).map(" ".join)
+)
 def test_chunks_end_between_words_and_join_again(text):
     pieces = chunks(text)
     assert all(len(piece) == 50 for piece in pieces[:-1]), "a piece that is not full ends the text"
@@ -69,7 +71,9 @@ def test_it_says_which_range_is_old():
     b, reporter = bench(height=0.3), StatusReporter()
     told(b, 4.0, reporter)
     b.send_range = False
-    assert told(b, 2.0, reporter) == ["companion: no offset, range to the ground and the wall old or invalid"]
+    assert told(b, 2.0, reporter) == [
+        "companion: no offset, range to the ground and the wall old or invalid"
+    ]
     b.send_range, b.wall = True, 60.0
     texts = told(b, 3.0, reporter)
     assert any("range to the wall lost" in text for text in texts), texts
@@ -81,7 +85,10 @@ def test_on_attaching_in_the_air_it_is_not_said_to_be_on_the_ground():
 
 
 def test_the_first_message_names_the_gravest_refusal_and_the_others_follow():
-    sent = decoded(message for message, _ in StatusReporter().tell("companion: no offset, not armed; also: late; slow"))
+    sent = decoded(
+        message
+        for message, _ in StatusReporter().tell("companion: no offset, not armed; also: late; slow")
+    )
     assert [(m.text, m.id) for m in sent] == [("no offset, not armed", 0), ("late; slow", 0)]
 
 
@@ -94,14 +101,18 @@ def test_nothing_is_said_twice_for_one_cause():
     assert all(t.startswith("companion: no offset, not armed; also: on the ground") for t in texts)
     b.landed = 2
     (contradiction,) = told(b, 2.0, reporter)
-    assert contradiction.startswith("companion: no offset, not armed, though the vehicle flies: nothing is sent")
+    assert contradiction.startswith(
+        "companion: no offset, not armed, though the vehicle flies: nothing is sent"
+    )
 
 
 def test_all_refusals_are_said_and_a_lesser_one_that_flickers_is_not():
     b, reporter = bench(height=0.3), StatusReporter()
     told(b, 4.0, reporter)
     b.mode = 5
-    assert told(b, 2.0, reporter) == ["companion: no offset, not in GUIDED, GUIDED_NOGPS or OFFBOARD (now LOITER)"]
+    assert told(b, 2.0, reporter) == [
+        "companion: no offset, not in GUIDED, GUIDED_NOGPS or OFFBOARD (now LOITER)"
+    ]
     b.send_rpm = False
     texts = told(b, 8.0, reporter)
     assert len(texts) == 1
@@ -132,7 +143,9 @@ def test_a_heartbeat_before_the_first_stamp_counts():
     """Before the autopilot stamped a message the axis is unknown, and times are 0."""
     b = bench()
     state, _ = step(initial_state(b.config), Heartbeat(0.0, 1, 1, True, 4, 3, 2), b.config)
-    state, decision = step(state, Attitude(4321.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE"), b.config)
+    state, decision = step(
+        state, Attitude(4321.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE"), b.config
+    )
     assert Reason.NO_HEARTBEAT not in decision.reasons
     later = Attitude(4326.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE")
     assert Reason.NO_HEARTBEAT in step(state, later, b.config)[1].reasons
@@ -143,7 +156,10 @@ def test_a_needed_message_that_stays_slow_is_named():
     now = 0.0
     while now < 9.0:
         for wanted in keeper.wanted:
-            if wanted.message_id != mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED or round(now * 50) % 5 == 0:
+            if (
+                wanted.message_id != mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+                or round(now * 50) % 5 == 0
+            ):
                 keeper.heard(wanted.message_id)
         keeper.due(now)
         now += 0.02
@@ -152,7 +168,10 @@ def test_a_needed_message_that_stays_slow_is_named():
 
 def test_a_rate_that_another_station_sets_back_is_asked_for_at_once_and_said():
     keeper = StreamKeeper(wanted_streams(default_vehicle(), Stack.ARDUPILOT))
-    attitude, position = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    attitude, position = (
+        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    )
     slow_since, waited, back = None, [], 5.3
     for k in range(1, 60 * 50):
         now = k / 50
@@ -205,7 +224,9 @@ def test_accelerations_are_asked_for_only_where_they_are_recorded():
     vehicle = default_vehicle()
     flown = {w.message_id for w in wanted_streams(vehicle, Stack.ARDUPILOT, recorded=False)}
     kept = {w.message_id for w in wanted_streams(vehicle, Stack.ARDUPILOT, recorded=True)}
-    assert kept - flown == {mavlink.MAVLINK_MSG_ID_HIGHRES_IMU}, "vanes of this vehicle need its outputs"
+    assert kept - flown == {mavlink.MAVLINK_MSG_ID_HIGHRES_IMU}, (
+        "vanes of this vehicle need its outputs"
+    )
     bare = dataclasses.replace(vehicle, vanes=())
     needed = {w.message_id for w in wanted_streams(bare, Stack.ARDUPILOT, recorded=False)}
     assert flown - needed == {mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW}

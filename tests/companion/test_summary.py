@@ -12,7 +12,11 @@ from companion.telemetry.summary import Summary
 def decide(summary: Summary, seconds: float, *reasons: Reason, start: float = 0.0) -> float:
     for k in range(round(seconds / 0.1)):
         t = start + 0.1 * k
-        command = None if set(reasons) & HOLDS_BACK_EVERYTHING else AttitudeCommand(t, (1.0, 0.0, 0.0, 0.0), 0.5)
+        command = (
+            None
+            if set(reasons) & HOLDS_BACK_EVERYTHING
+            else AttitudeCommand(t, (1.0, 0.0, 0.0, 0.0), 0.5)
+        )
         summary.add(Decision(t, command, reasons, 0.0 if reasons else 1.0, Offset(), None, None))
     return start + seconds
 
@@ -24,7 +28,10 @@ def test_seconds_go_to_the_gravest_reason_and_add_up():
     decide(summary, 3.0, start=now)
     numbers = summary.as_json()
     assert set(numbers["gravest_s"]) == {"not_armed", "range_missing"}
-    assert abs(sum(numbers["gravest_s"].values()) + numbers["compensated_s"] - numbers["duration_s"]) < 0.01
+    assert (
+        abs(sum(numbers["gravest_s"].values()) + numbers["compensated_s"] - numbers["duration_s"])
+        < 0.01
+    )
     assert numbers["refusals_s"]["range_missing"] > 5.8
     text = summary.as_text()
     assert f"  2.0 s  {Reason.RANGE_MISSING.value}" in text

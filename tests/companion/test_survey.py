@@ -53,7 +53,19 @@ def test_a_box_is_read(text, box):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "1", "1:0.5", "0.05:1", "0.3:1:0.2", "0.3:1:0.05:1", "0.3:1:nan:1", "0.3:0.35", "0.3:9.0", "a:b"]
+    "text",
+    [
+        "",
+        "1",
+        "1:0.5",
+        "0.05:1",
+        "0.3:1:0.2",
+        "0.3:1:0.05:1",
+        "0.3:1:nan:1",
+        "0.3:0.35",
+        "0.3:9.0",
+        "a:b",
+    ],
 )
 def test_a_box_that_nobody_should_fly_is_refused_by_name(text):
     with pytest.raises(ConfigError, match="--survey"):
@@ -86,7 +98,10 @@ def test_near_the_wall_it_moves_across_only_at_the_top():
     _, rows = fly(BOX)
     for _, w in rows:
         if abs(w.velocity[1]) > 0.01:
-            assert -w.position[2] > BOX.height_max_m - 1e-6 or WALL_EAST_M - w.position[1] > BOX.wall_max_m
+            assert (
+                -w.position[2] > BOX.height_max_m - 1e-6
+                or WALL_EAST_M - w.position[1] > BOX.wall_max_m
+            )
 
 
 def test_without_a_wall_only_the_height_changes():
@@ -112,10 +127,22 @@ def test_it_waits_until_the_hold_has_flown_for_a_while_and_until_ground_and_wall
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
-        (lambda s: dataclasses.replace(s, wall_m=s.wall_m - 0.15) if s.t_s > 20.0 else s, "too close to the wall"),
-        (lambda s: dataclasses.replace(s, height_m=s.height_m - 0.15) if s.t_s > 20.0 else s, "too low"),
-        (lambda s: dataclasses.replace(s, wall_m=math.nan) if s.t_s > 20.0 else s, "a distance was lost"),
-        (lambda s: dataclasses.replace(s, position=s.position + 0.5) if s.t_s > 20.0 else s, "did not follow"),
+        (
+            lambda s: dataclasses.replace(s, wall_m=s.wall_m - 0.15) if s.t_s > 20.0 else s,
+            "too close to the wall",
+        ),
+        (
+            lambda s: dataclasses.replace(s, height_m=s.height_m - 0.15) if s.t_s > 20.0 else s,
+            "too low",
+        ),
+        (
+            lambda s: dataclasses.replace(s, wall_m=math.nan) if s.t_s > 20.0 else s,
+            "a distance was lost",
+        ),
+        (
+            lambda s: dataclasses.replace(s, position=s.position + 0.5) if s.t_s > 20.0 else s,
+            "did not follow",
+        ),
     ],
 )
 def test_what_is_wrong_sends_it_home_over_the_top(spoil, why):
@@ -137,7 +164,9 @@ def test_a_hold_that_lets_go_ends_it_for_good():
     st.floats(0.1, 1.0), st.floats(0.1, 2.0), st.floats(0.1, 1.0), st.floats(0.1, 2.0), st.floats(0.1, 3.0),
     st.floats(0.1, 3.0),
 )  # fmt: skip
-def test_no_plan_leaves_the_box_but_on_its_way_from_and_to_the_start(low, span, near, width, height, gap):
+def test_no_plan_leaves_the_box_but_on_its_way_from_and_to_the_start(
+    low, span, near, width, height, gap
+):
     box = SurveyBox(low, low + span, near, near + width)
     legs = plan(box, (height, gap))
     assert legs[0].start == (0.0, 0.0)

@@ -62,7 +62,14 @@ def test_a_zero_beside_turning_rotors_and_a_speed_beyond_sound_are_no_speeds(rpm
 def test_an_attitude_that_was_overtaken_decides_nothing():
     b = compensating()
     before = b.state
-    old = Attitude(b.t - 0.1, 1, 1, quaternion_from_euler(0.2, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")
+    old = Attitude(
+        b.t - 0.1,
+        1,
+        1,
+        quaternion_from_euler(0.2, 0.0, 0.0),
+        (0.0, 0.0, 0.0),
+        "ATTITUDE_QUATERNION",
+    )
     assert b.feed(old) is None
     assert b.state.estimates is before.estimates
 
@@ -70,7 +77,10 @@ def test_an_attitude_that_was_overtaken_decides_nothing():
 def test_letting_go_ends_where_the_pilot_has_taken_over():
     b = compensating()
     b.send_position = False
-    while not isinstance((decision := b.tick()).command, AttitudeCommand | PositionCommand) or not decision.reasons:
+    while (
+        not isinstance((decision := b.tick()).command, AttitudeCommand | PositionCommand)
+        or not decision.reasons
+    ):
         continue
     b.mode = 5
     assert b.tick().command is None
@@ -99,7 +109,9 @@ def test_offsets_are_zero_half_a_second_after_an_input_is_lost(lost):
 def test_applied_offsets_keep_the_slew_rates_while_they_fade():
     b = compensating()
     limits = CONFIG.vehicle.limits
-    b.config = replace(b.config, vehicle=replace(b.config.vehicle, limits=replace(limits, slew_thrust_per_s=0.05)))
+    b.config = replace(
+        b.config, vehicle=replace(b.config.vehicle, limits=replace(limits, slew_thrust_per_s=0.05))
+    )
     before = b.tick().offset
     b.send_range = False
     for _ in range(40):

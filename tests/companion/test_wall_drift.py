@@ -48,7 +48,12 @@ def test_noise_of_range_and_estimate_is_no_drift():
 
 
 def test_a_drift_of_two_per_cent_of_the_path_is_not_said():
-    assert flown(lambda t: (0.0, 0.3 * math.sin(t)), lambda t: (0.0, 0.3 * math.sin(t) - 0.004 * t), 60.0) is None
+    assert (
+        flown(
+            lambda t: (0.0, 0.3 * math.sin(t)), lambda t: (0.0, 0.3 * math.sin(t) - 0.004 * t), 60.0
+        )
+        is None
+    )
 
 
 def test_a_slanted_wall_that_is_flown_along_is_no_drift():
@@ -81,7 +86,9 @@ def test_visual_odometry_drifts_and_leaps_back():
     flight = simulated(vehicle(), build("hover", vehicle()), 1, vision=True)
     off = []
     for k in range(round(10.5 / flight.body.dt)):
-        flight.body.position[0] += 0.5 * flight.body.dt  # carried along: the accelerometers feel nothing of it
+        flight.body.position[0] += (
+            0.5 * flight.body.dt
+        )  # carried along: the accelerometers feel nothing of it
         flight.step()
         if k % 40 == 0:
             off.append(math.dist(flight.estimator._odometry(), flight.estimator._seen[0]))

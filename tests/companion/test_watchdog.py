@@ -107,4 +107,6 @@ def test_the_unit_uses_the_watchdog_and_never_overwrites_a_flight():
     options = parser().parse_args(arguments)
     assert str(options.record) == "/var/lib/corner"
     assert "-delete" in service["ExecStartPre"], "old recordings go"
-    assert service["ExecStartPre"].startswith("-"), "a failure of it does not keep the program from starting"
+    assert service["ExecStartPre"].startswith("-"), (
+        "a failure of it does not keep the program from starting"
+    )

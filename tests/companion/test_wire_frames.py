@@ -65,7 +65,11 @@ def test_pieces_do_not_matter(frames, cuts):
 
 
 @settings(max_examples=200)
-@given(st.lists(st.sampled_from(STREAM), min_size=3, max_size=8), st.binary(max_size=40), st.integers(0, 1000))
+@given(
+    st.lists(st.sampled_from(STREAM), min_size=3, max_size=8),
+    st.binary(max_size=40),
+    st.integers(0, 1000),
+)
 def test_after_damage_the_frames_behind_it_are_found(frames, noise, where):
     """Noise between two frames costs at most what it may hide: never the last frame, once it is followed by more."""
     noise = bytes(b for b in noise if b not in (V1, V2))
@@ -139,7 +143,9 @@ def test_signatures_are_those_of_pymavlink_both_ways():
     sender, receiver = signer(), signer()
     raw = bytes(MESSAGES[1].pack(sender))
     assert Signatures(receiver.signing).accepts(cut(raw, 0))
-    ours = Signatures(signer().signing).sign(pack(30, cut(raw, 0).payload, 1, 1, raw[4], signed=True))
+    ours = Signatures(signer().signing).sign(
+        pack(30, cut(raw, 0).payload, 1, 1, raw[4], signed=True)
+    )
     assert ours == raw
     theirs = signer().parse_buffer(ours)
     assert theirs is not None

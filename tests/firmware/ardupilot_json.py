@@ -48,7 +48,11 @@ def parse(data: bytes) -> Packet | None:
         return None
     magic, rate, count = _HEADER.unpack_from(data)
     channels = {MAGIC_16: 16, MAGIC_32: 32}.get(magic)
-    if channels is None or len(data) < _HEADER.size + 2 * channels or not RATES_HZ[0] <= rate <= RATES_HZ[1]:
+    if (
+        channels is None
+        or len(data) < _HEADER.size + 2 * channels
+        or not RATES_HZ[0] <= rate <= RATES_HZ[1]
+    ):
         return None
     return Packet(rate, count, struct.unpack_from(f"<{channels}H", data, _HEADER.size))
 
@@ -56,7 +60,9 @@ def parse(data: bytes) -> Packet | None:
 class JsonPhysics:
     """Answers packets; owns the body. No sockets here."""
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
+    def __init__(
+        self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body
+    ) -> None:
         self._body_type = body
         self._vehicle = vehicle
         self._scenario = scenario
@@ -90,7 +96,9 @@ class JsonPhysics:
     def _restart(self, rate_hz: int) -> None:
         self._rate_hz = rate_hz
         law = law_of(self._scenario.name, self._seed)
-        self.body = self._body_type(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
+        self.body = self._body_type(
+            self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz
+        )
         sensors = self._vehicle.rangefinders[:SENSORS_MAX]
         self.ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]
 
@@ -108,7 +116,9 @@ class JsonPhysics:
         }
 
 
-def serve(physics: JsonPhysics, port: int, announce: Callable[[int], None], truth: Path | None = None) -> NoReturn:
+def serve(
+    physics: JsonPhysics, port: int, announce: Callable[[int], None], truth: Path | None = None
+) -> NoReturn:
     """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` gets the port, ``truth`` is written."""
     record: BodyTruthFile | None = None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

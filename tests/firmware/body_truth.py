@@ -8,7 +8,21 @@ from pathlib import Path
 from companion.sim.body import Body
 from models.errors import ConfigError
 
-COLUMNS = ("time_s", "n", "e", "d", "vn", "ve", "vd", "roll", "pitch", "yaw", "clearance_m", "contact", "wall_contact")
+COLUMNS = (
+    "time_s",
+    "n",
+    "e",
+    "d",
+    "vn",
+    "ve",
+    "vd",
+    "roll",
+    "pitch",
+    "yaw",
+    "clearance_m",
+    "contact",
+    "wall_contact",
+)
 PERIOD_S = 0.02
 """Of the rows, in simulated time."""
 

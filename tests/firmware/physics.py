@@ -30,14 +30,27 @@ from models.vehicle import load_vehicle
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = Parser(prog="python tests/firmware/physics.py", description=(__doc__ or "").splitlines()[0])
-    p.add_argument("--vehicle", type=Path, default=TANDEM, help="vehicle file (default: the paper's tandem)")
+    p.add_argument(
+        "--vehicle", type=Path, default=TANDEM, help="vehicle file (default: the paper's tandem)"
+    )
     p.add_argument("--scenario", choices=NAMES, default="corner")
-    p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
-    p.add_argument("--rough", action="store_true", help="gusts, and a wall that pulls harder (rough_air.py)")
+    p.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="draws the air, the turbulence and every sensor's errors",
+    )
+    p.add_argument(
+        "--rough", action="store_true", help="gusts, and a wall that pulls harder (rough_air.py)"
+    )
     p.add_argument("--truth", type=Path, help="write what truly happened as CSV")
     firmware = p.add_mutually_exclusive_group(required=True)
-    firmware.add_argument("--ardupilot-json", type=int, metavar="PORT", help="UDP port (ArduPilot's is 9002)")
-    firmware.add_argument("--px4-hil", type=int, metavar="PORT", help="TCP port to which PX4 connects (4560)")
+    firmware.add_argument(
+        "--ardupilot-json", type=int, metavar="PORT", help="UDP port (ArduPilot's is 9002)"
+    )
+    firmware.add_argument(
+        "--px4-hil", type=int, metavar="PORT", help="TCP port to which PX4 connects (4560)"
+    )
     return p
 
 
@@ -61,7 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if a.ardupilot_json is not None:
             physics = ardupilot_json.JsonPhysics(vehicle, scenario, a.seed, body)
             signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(physics.ranges[0]))
-            ardupilot_json.serve(physics, a.ardupilot_json, lambda port: say(ardupilot_json=port), a.truth)
+            ardupilot_json.serve(
+                physics, a.ardupilot_json, lambda port: say(ardupilot_json=port), a.truth
+            )
         hil = px4_hil.Px4Physics(vehicle, scenario, a.seed, body)
         signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(hil.ranges[0]))
         truth = None if a.truth is None else BodyTruthFile(a.truth, hil.body)

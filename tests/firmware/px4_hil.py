@@ -55,11 +55,17 @@ _VANE_TRAVEL_RAD = 0.5
 class Px4Physics:
     """Sensor messages out, actuator outputs in; owns the body. No sockets here."""
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
+    def __init__(
+        self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body
+    ) -> None:
         dt = STEP_S / SUBSTEPS
-        self.body = body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=_MOTOR)
+        self.body = body(
+            vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=_MOTOR
+        )
         self._vehicle = vehicle
-        self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
+        self.ranges = [
+            RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)
+        ]
         self._noise = random.Random(f"hil {seed}")
         self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=51)
         self._count = 0
@@ -113,7 +119,9 @@ class Px4Physics:
         field = [r[i] * fn + r[3 + i] * fe + r[6 + i] * fd + gauss(0.0, 0.0006) for i in range(3)]
         altitude = HOME_ALT_M - b.position[2]
         hpa = 1013.25 * (1.0 - 2.25577e-5 * altitude) ** 5.25588 + gauss(0.0, 0.004)
-        updated = _IMU | (_MAG if k % _MAG_EVERY == 0 else 0) | (_BARO if k % _BARO_EVERY == 0 else 0)
+        updated = (
+            _IMU | (_MAG if k % _MAG_EVERY == 0 else 0) | (_BARO if k % _BARO_EVERY == 0 else 0)
+        )
         return mavlink.MAVLink_hil_sensor_message(
             self.time_us, *accel, *gyro, *field, hpa, 0.0, altitude, 15.0, updated
         )
@@ -126,7 +134,16 @@ class Px4Physics:
         lat, lon = HOME_LAT_DEG + n / METRES_PER_DEG, HOME_LON_DEG + e / east_m
         cm = [round(100.0 * v) for v in (math.hypot(vn, ve), vn, ve, vd)]
         return mavlink.MAVLink_hil_gps_message(
-            self.time_us, 3, round(lat * 1e7), round(lon * 1e7), round(1e3 * (HOME_ALT_M - d)), 30, 40, *cm, 65535, 14
+            self.time_us,
+            3,
+            round(lat * 1e7),
+            round(lon * 1e7),
+            round(1e3 * (HOME_ALT_M - d)),
+            30,
+            40,
+            *cm,
+            65535,
+            14,
         )
 
     def _range(self, i: int, sensor: RangeSensor) -> Any:
@@ -160,7 +177,9 @@ def serve(
         try:
             listener.bind(("127.0.0.1", port))
         except OSError as error:
-            raise LinkError(f"--px4-hil {port}: TCP port cannot be opened ({error.strerror}); choose another") from None
+            raise LinkError(
+                f"--px4-hil {port}: TCP port cannot be opened ({error.strerror}); choose another"
+            ) from None
         listener.listen(1)
         announce(listener.getsockname()[1])
         peer, _ = listener.accept()
@@ -170,7 +189,11 @@ def serve(
 
 
 def _fly(
-    physics: Px4Physics, peer: socket.socket, speed: float, duration_s: float | None, truth: BodyTruthFile | None
+    physics: Px4Physics,
+    peer: socket.socket,
+    speed: float,
+    duration_s: float | None,
+    truth: BodyTruthFile | None,
 ) -> None:
     answers = _Answers(peer)
     due = time.monotonic()
@@ -202,14 +225,20 @@ class _Answers:
 
         Raises EOFError when PX4 has gone.
         """
-        until = time.monotonic() + (_PATIENCE_S if self._count > _ANSWERS_BEFORE_PATIENCE else _IMPATIENCE_S)
+        until = time.monotonic() + (
+            _PATIENCE_S if self._count > _ANSWERS_BEFORE_PATIENCE else _IMPATIENCE_S
+        )
         while (left := until - time.monotonic()) > 0.0:
             if not select.select([self._peer], [], [], left)[0]:
                 return None
             data = self._peer.recv(4096)
             if not data:
                 raise EOFError
-            found = [m for m in self._parser.parse_buffer(data) or [] if m.get_type() == "HIL_ACTUATOR_CONTROLS"]
+            found = [
+                m
+                for m in self._parser.parse_buffer(data) or []
+                if m.get_type() == "HIL_ACTUATOR_CONTROLS"
+            ]
             if found:
                 self._count += len(found)
                 last = found[-1]

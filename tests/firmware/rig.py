@@ -89,7 +89,9 @@ class ThinnedPositions:
                 stamp_ms = int.from_bytes(frame[10:14], "little")
                 if stamp_ms < self._next_ms:
                     continue
-                self._next_ms = max(self._next_ms, stamp_ms - 0.5 * self._period_ms) + self._period_ms
+                self._next_ms = (
+                    max(self._next_ms, stamp_ms - 0.5 * self._period_ms) + self._period_ms
+                )
             out += frame
         return out + data[at:]
 
@@ -173,20 +175,37 @@ class Rig:
     def _start(self, name: str, command: list[Any], **how: Any) -> None:
         log = (self.folder / f"{name}.log").open("ab")
         self._processes[name] = subprocess.Popen(
-            [str(c) for c in command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, **how
+            [str(c) for c in command],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            **how,
         )
 
     def _boot(self) -> None:
         flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
-        physics = [sys.executable, Path(__file__).with_name("physics.py"), "--vehicle", QUAD, "--scenario", "corner"]
-        self._start("physics", [*physics, *self._air, flag, port, "--truth", self.folder / "truth.csv"])
+        physics = [
+            sys.executable,
+            Path(__file__).with_name("physics.py"),
+            "--vehicle",
+            QUAD,
+            "--scenario",
+            "corner",
+        ]
+        self._start(
+            "physics", [*physics, *self._air, flag, port, "--truth", self.folder / "truth.csv"]
+        )
         give_up = time.monotonic() + 60.0
         while b"{" not in (self.folder / "physics.log").read_bytes():
-            assert time.monotonic() < give_up, f"the physics did not start; see {self.folder}/physics.log"
+            assert time.monotonic() < give_up, (
+                f"the physics did not start; see {self.folder}/physics.log"
+            )
             time.sleep(0.1)
         (self._boot_px4 if self.px4 else self._boot_arducopter)()
         station = 14550 if self.px4 else 14551
-        self._link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{station}", source_system=255, source_component=190)
+        self._link = mavutil.mavlink_connection(
+            f"udpin:127.0.0.1:{station}", source_system=255, source_component=190
+        )
         if self._link.wait_heartbeat(timeout=180) is None:
             raise RuntimeError(f"no heartbeat; see {self.folder}/firmware.log")
         threading.Thread(target=self._listen, daemon=True).start()
@@ -229,7 +248,9 @@ class Rig:
             if message.get_type() == "STATUSTEXT":
                 self.texts.append(message.text)
             elif message.get_type() == "LOCAL_POSITION_NED":
-                self.estimates.append((message.time_boot_ms / 1000.0, message.x, message.y, message.z))
+                self.estimates.append(
+                    (message.time_boot_ms / 1000.0, message.x, message.y, message.z)
+                )
 
     def _beat(self) -> None:
         n = 0
@@ -240,7 +261,9 @@ class Rig:
                 if self._sticks and self.px4:
                     self._link.mav.manual_control_send(1, 0, 0, 500, 0, 0)
                 elif self._sticks:
-                    self._link.mav.rc_channels_override_send(1, 1, 1500, 1500, 1500, 1500, 0, 0, 0, 0)
+                    self._link.mav.rc_channels_override_send(
+                        1, 1, 1500, 1500, 1500, 1500, 0, 0, 0, 0
+                    )
             n += 1
             time.sleep(0.1)
 
@@ -256,7 +279,9 @@ class Rig:
 
     def sleep(self, seconds: float) -> None:
         """In the autopilot's time."""
-        self.until(lambda end=self.now_s + seconds: self.now_s >= end, seconds + 5.0, "time to pass")
+        self.until(
+            lambda end=self.now_s + seconds: self.now_s >= end, seconds + 5.0, "time to pass"
+        )
 
     def until(self, reached: Callable[[], bool], seconds: float, what: str) -> None:
         """Wait for something; raises AssertionError after ``seconds`` of the autopilot."""
@@ -280,7 +305,11 @@ class Rig:
     def in_mode(self) -> int:
         """ArduCopter's mode number, or PX4's main mode."""
         beat = self.latest("HEARTBEAT")
-        return -1 if beat is None else (beat.custom_mode >> 16 & 0xFF if self.px4 else beat.custom_mode)
+        return (
+            -1
+            if beat is None
+            else (beat.custom_mode >> 16 & 0xFF if self.px4 else beat.custom_mode)
+        )
 
     @property
     def armed(self) -> bool:
@@ -291,7 +320,9 @@ class Rig:
     def take_off(self) -> None:
         """Arm and climb to 1.5 m by the firmware's own take-off."""
         self._sticks = True
-        self.until(lambda: self.latest("LOCAL_POSITION_NED") is not None, 90.0, "a position estimate")
+        self.until(
+            lambda: self.latest("LOCAL_POSITION_NED") is not None, 90.0, "a position estimate"
+        )
         self.sleep(12.0)
 
         def arm() -> bool:
@@ -313,7 +344,13 @@ class Rig:
         position = self.latest("LOCAL_POSITION_NED")
         return 0.0 if position is None else -float(position.z)
 
-    def go(self, north: float, east: float, height: float, velocity: tuple[float, float, float] | None = None) -> None:
+    def go(
+        self,
+        north: float,
+        east: float,
+        height: float,
+        velocity: tuple[float, float, float] | None = None,
+    ) -> None:
         """One place for the companion, north, east and up; with a velocity it is one that moves."""
         mask = (0x38 if velocity is None else 0) | 0x1C0 | 0x400 | 0x800
         vn, ve, up = velocity or (0.0, 0.0, 0.0)
@@ -355,7 +392,15 @@ class Rig:
         self._companions += 1
         self._latest.pop(("HEARTBEAT", 191), None)  # of the one before
         name = self.folder / ("flight" if self._companions == 1 else f"flight{self._companions}")
-        command = [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--vehicle", QUAD]
+        command = [
+            sys.executable,
+            "-m",
+            "companion",
+            "--connect",
+            f"udp:127.0.0.1:{port}",
+            "--vehicle",
+            QUAD,
+        ]
         environment = dict(os.environ, OMP_NUM_THREADS="1")
         self._start(
             "companion",
@@ -377,7 +422,9 @@ class Rig:
     def engage(self) -> None:
         """Companion up, the mode that obeys it, and its stream in command."""
         self.start_companion()
-        self.until(lambda: self.latest("HEARTBEAT", 191) is not None, 30.0, "the companion's heartbeat")
+        self.until(
+            lambda: self.latest("HEARTBEAT", 191) is not None, 30.0, "the companion's heartbeat"
+        )
         self.sleep(4.0)
         wanted = OFFBOARD if self.px4 else GUIDED
 
@@ -406,7 +453,9 @@ class Rig:
         with (self.folder / "truth.csv").open(encoding="utf-8", newline="") as file:
             for r in csv.DictReader(file):
                 try:
-                    tilt = degrees(acos(max(-1.0, min(1.0, cos(float(r["roll"])) * cos(float(r["pitch"]))))))
+                    tilt = degrees(
+                        acos(max(-1.0, min(1.0, cos(float(r["roll"])) * cos(float(r["pitch"])))))
+                    )
                     place = float(r["n"]), float(r["e"]), -float(r["d"])
                     out.append(Moment(float(r["time_s"]), *place, tilt, r["contact"] == "1"))
                 except (TypeError, ValueError):  # the row that is being written

@@ -49,7 +49,13 @@ def test_each_frame_is_one_step_of_its_rate(physics):
         s = state(physics.answer(packet(count, OFF)))
     assert s["timestamp"] == pytest.approx(10 / RATE)
     assert s["imu"]["accel_body"][2] == pytest.approx(-9.80665, abs=0.05)
-    assert len(s["imu"]["gyro"]) == len(s["position"]) == len(s["velocity"]) == len(s["velocity_wind"]) == 3
+    assert (
+        len(s["imu"]["gyro"])
+        == len(s["position"])
+        == len(s["velocity"])
+        == len(s["velocity_wind"])
+        == 3
+    )
     assert math.hypot(*s["quaternion"]) == pytest.approx(1.0)
     assert s["battery"]["voltage"] > 20.0
     assert {"rng_1", "rng_2"} <= set(s)
@@ -78,17 +84,28 @@ def test_a_rate_that_changes_changes_the_step_and_restarts_nothing(physics):
     for k, rate in enumerate((1200, 1200, 1199, 1198, 800, 800)):
         times.append(state(physics.answer(packet(k, HOVER, rate=rate)))["timestamp"])
     steps = [b - a for a, b in itertools.pairwise([0.0, *times])]
-    assert steps == pytest.approx([1 / 1200, 1 / 1200, 1 / 1199, 1 / 1198, 1 / 800, 1 / 800], rel=1e-6)
+    assert steps == pytest.approx(
+        [1 / 1200, 1 / 1200, 1 / 1199, 1 / 1198, 1 / 800, 1 / 800], rel=1e-6
+    )
     assert physics.restarts == 0
 
 
 def test_both_packet_sizes_and_any_rate_are_understood(physics):
-    assert state(physics.answer(packet(1, OFF, magic=29569, rate=1200)))["timestamp"] == pytest.approx(1 / 1200)
+    assert state(physics.answer(packet(1, OFF, magic=29569, rate=1200)))[
+        "timestamp"
+    ] == pytest.approx(1 / 1200)
 
 
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\x1a\x48", struct.pack("<HHI", 18458, 400, 1), packet(1, OFF)[:-1], b"x" * 40, packet(1, OFF, rate=0)],
+    [
+        b"",
+        b"\x1a\x48",
+        struct.pack("<HHI", 18458, 400, 1),
+        packet(1, OFF)[:-1],
+        b"x" * 40,
+        packet(1, OFF, rate=0),
+    ],
 )
 def test_anything_else_is_ignored(physics, data):
     assert parse(data) is None

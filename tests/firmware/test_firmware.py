@@ -129,7 +129,13 @@ def test_without_gps_the_companion_does_not_fly_on_for_long(fly):
 
 
 def test_a_slow_attitude_loop_does_not_swing_up(fly):
-    slow = {"ATC_ANG_RLL_P": 2.25, "ATC_ANG_PIT_P": 2.25, "ATC_INPUT_TC": 0.3, "MC_ROLL_P": 3.0, "MC_PITCH_P": 3.0}
+    slow = {
+        "ATC_ANG_RLL_P": 2.25,
+        "ATC_ANG_PIT_P": 2.25,
+        "ATC_INPUT_TC": 0.3,
+        "MC_ROLL_P": 3.0,
+        "MC_PITCH_P": 3.0,
+    }
     with fly(slow) as rig:
         since = len(rig.truth())
         for place in ((0.6, 0.0), (0.0, 0.6), (0.0, 0.0)):

@@ -75,7 +75,13 @@ def test_outputs_lift_and_turn_the_vehicle_and_gps_follows():
         p.step([1.2 * HOVER, 1.2 * HOVER, 1.3 * HOVER, 1.3 * HOVER] + [0.0] * 12)  # ccw pair slower
     assert abs(p.body.rates[2]) > 0.01
     p.body.position[0] = -5.0  # away from the wall
-    gps = next(m for k in range(25) if not p.step(None) for m in parsed(p.sensors()) if m.get_type() == "HIL_GPS")
+    gps = next(
+        m
+        for k in range(25)
+        if not p.step(None)
+        for m in parsed(p.sensors())
+        if m.get_type() == "HIL_GPS"
+    )
     assert (gps.lat / 1e7 - HOME_LAT_DEG) * METRES_PER_DEG == pytest.approx(-5.0, abs=0.3)
 
 
@@ -117,7 +123,11 @@ class FakePx4(threading.Thread):
                     continue
                 level = 1.1 * HOVER if len(self.times) < self.count // 2 else HOVER
                 controls = [level] * 4 + [0.0] * 12
-                sock.sendall(mavlink.MAVLink_hil_actuator_controls_message(m.time_usec, controls, 128, 1).pack(mav))
+                sock.sendall(
+                    mavlink.MAVLink_hil_actuator_controls_message(
+                        m.time_usec, controls, 128, 1
+                    ).pack(mav)
+                )
 
 
 @pytest.fixture
@@ -129,7 +139,9 @@ def served(tmp_path: Path) -> Iterator[tuple[Px4Physics, FakePx4, Path]]:
         ports.append(port)
         ready.set()
 
-    server = threading.Thread(target=serve, args=(p, 0, announce), kwargs={"speed": 50.0, "truth": truth}, daemon=True)
+    server = threading.Thread(
+        target=serve, args=(p, 0, announce), kwargs={"speed": 50.0, "truth": truth}, daemon=True
+    )
     server.start()
     assert ready.wait(10)
     px4 = FakePx4(ports[0], 500, silent_before=20)
@@ -158,7 +170,9 @@ def test_disarmed_outputs_are_not_flown(tmp_path):
         answers = _Answers(ours)
         theirs.sendall(mavlink.MAVLink_hil_actuator_controls_message(1, [0.7] * 16, 0, 1).pack(mav))
         assert answers.wait() == [0.0] * 16
-        theirs.sendall(mavlink.MAVLink_hil_actuator_controls_message(2, [0.5] * 16, 128, 1).pack(mav))
+        theirs.sendall(
+            mavlink.MAVLink_hil_actuator_controls_message(2, [0.5] * 16, 128, 1).pack(mav)
+        )
         assert answers.wait() == [0.5] * 16
         assert answers.wait() is None
         theirs.close()

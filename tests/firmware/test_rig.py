@@ -24,7 +24,9 @@ def test_positions_are_thinned_and_nothing_else():
     sender = mavlink.MAVLink(None, srcSystem=1)
     out = b""
     for k in range(100):  # two seconds at 50 Hz
-        position = mavlink.MAVLink_local_position_ned_message(1000 + 20 * k, 1.0, 2.0, -3.0, 0.0, 0.0, 0.0)
+        position = mavlink.MAVLink_local_position_ned_message(
+            1000 + 20 * k, 1.0, 2.0, -3.0, 0.0, 0.0, 0.0
+        )
         attitude = mavlink.MAVLink_attitude_message(1000 + 20 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         out += relay.thinned(position.pack(sender) + attitude.pack(sender))
     kinds = [m.get_type() for m in mavlink.MAVLink(None).parse_buffer(out)]

@@ -31,7 +31,10 @@ def field(name: str, values: list[float], width: int) -> None:
 def march(program: str, behave: str) -> None:
     """Write states up to the end time and the loads of every step."""
     text = Path("system/controlDict").read_text()
-    end, step, every = (float(re.search(rf"{k} ([\d.e+-]+);", text)[1]) for k in ("endTime", "deltaT", "writeInterval"))
+    end, step, every = (
+        float(re.search(rf"{k} ([\d.e+-]+);", text)[1])
+        for k in ("endTime", "deltaT", "writeInterval")
+    )
     states = [float(p.name) for p in Path().iterdir() if re.fullmatch(r"[\d.]+", p.name)]
     start = max(states)
     if behave == "diverge":
@@ -63,7 +66,11 @@ def march(program: str, behave: str) -> None:
                 field(f"{at:.10g}/{name}", [1.0] * CELLS * width, width)
             for name in names:
                 # Each source acts on one cell of volume 1.
-                field(f"{at:.10g}/{name}:rotorForce", [0.0, 0.0, LIFT_CELL / 1.225] + [0.0] * 3 * (CELLS - 1), 3)
+                field(
+                    f"{at:.10g}/{name}:rotorForce",
+                    [0.0, 0.0, LIFT_CELL / 1.225] + [0.0] * 3 * (CELLS - 1),
+                    3,
+                )
     for name, lines in (("force", force), ("moment", moment)):
         (loads / f"{name}.dat").write_text("# Time\n" + "\n".join(lines) + "\n")
 

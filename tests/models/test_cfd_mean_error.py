@@ -18,7 +18,14 @@ KIND = ("full", 0.75)
 SWING = (0.4, 0.4, 0.3, 0.02, 0.02, 0.005)
 
 
-def case(h: float, d: float, wrench: tuple[float, ...], status: str = "cycling", rpm: float = 4000.0, **more) -> Row:
+def case(
+    h: float,
+    d: float,
+    wrench: tuple[float, ...],
+    status: str = "cycling",
+    rpm: float = 4000.0,
+    **more,
+) -> Row:
     result = Result(
         wrench=wrench,
         swing=SWING,
@@ -43,7 +50,11 @@ def marched(h: float, d: float, mean: tuple[float, ...], iterated: tuple[float, 
 
 def test_what_a_case_without_a_wall_shows_is_the_error_of_its_neighbours_at_that_height():
     """A flow tipped over by 2 N, whichever way, beside cases that say 0.4 N of themselves."""
-    rows = [case(1.0, INF, (1.2, 1.6, 28.0, 0.0, 0.0, 0.0)), case(1.0, 0.5, (0.0,) * 6), case(4.0, INF, (0.0,) * 6)]
+    rows = [
+        case(1.0, INF, (1.2, 1.6, 28.0, 0.0, 0.0, 0.0)),
+        case(1.0, 0.5, (0.0,) * 6),
+        case(4.0, INF, (0.0,) * 6),
+    ]
     found = labels([*rows, case(4.0, 0.5, (0.0,) * 6)], 4000.0, KIND)
     assert found[1.0, 0.5].sigma[:2] == pytest.approx([math.sqrt(2.0)] * 2, rel=1e-3)
     assert found[1.0, 0.5].sigma[2] == pytest.approx(0.3)
@@ -84,7 +95,8 @@ def test_stated_errors_that_hold_are_not_raised():
     rng = np.random.default_rng(4)
     own = np.array(SWING)
     rows = [
-        marched(h, 0.5, tuple(np.zeros(6)), tuple(0.3 * own * rng.normal(size=6))) for h in (1.0, 1.25, 1.5, 2.0, 3.0)
+        marched(h, 0.5, tuple(np.zeros(6)), tuple(0.3 * own * rng.normal(size=6)))
+        for h in (1.0, 1.25, 1.5, 2.0, 3.0)
     ]
     for h in (1.0, 1.5, 3.0):
         assert MeanError(rows).of(case(h, 1.0, (0.0,) * 6)) == pytest.approx(own)

@@ -31,7 +31,9 @@ def parsed(position):
     """Vertices (n, 3), blocks as (corners, zone, cells), faces by patch."""
     text = block_mesh(SETUP, position)
     body = text[text.index("vertices") : text.index("blocks")]
-    vertices = np.array([[float(v) for v in m.split()] for m in re.findall(r"\(([-\d.e+ ]+)\)", body)])
+    vertices = np.array(
+        [[float(v) for v in m.split()] for m in re.findall(r"\(([-\d.e+ ]+)\)", body)]
+    )
     blocks = [
         ([int(v) for v in corners.split()], zone, [int(n) for n in cells.split()])
         for corners, zone, cells in re.findall(r"hex \(([\d ]+)\) (\w*) ?\(([\d ]+)\)", text)
@@ -64,7 +66,9 @@ def test_ground_and_wall_lie_where_the_position_says(position):
     for face in patches.get("ground", []):
         assert vertices[face][:, 2] == pytest.approx(-position.h * R, abs=1e-7)
     for face in patches.get("wall", []):
-        assert vertices[face][:, 0] == pytest.approx(SETUP.fan.lip_radius_m + position.d * R, abs=1e-7)
+        assert vertices[face][:, 0] == pytest.approx(
+            SETUP.fan.lip_radius_m + position.d * R, abs=1e-7
+        )
     for face in patches.get("mirror", []):
         assert vertices[face][:, 1] == pytest.approx(0.0, abs=1e-9)
 
@@ -103,7 +107,9 @@ def test_blade_tables_tilt_the_lift_by_the_inflow_angle():
         phi = np.radians(station.pitch_deg - polars.ANGLES_DEG)
         assert np.hypot(station.axial, station.tangential) == pytest.approx(math.hypot(0.8, 0.05))
         inner = np.abs(polars.ANGLES_DEG) < 100
-        assert station.axial[inner] == pytest.approx((0.8 * np.cos(phi) - 0.05 * np.sin(phi))[inner])
+        assert station.axial[inner] == pytest.approx(
+            (0.8 * np.cos(phi) - 0.05 * np.sin(phi))[inner]
+        )
 
 
 def test_reynolds_number_grows_with_speed_and_radius():
@@ -117,7 +123,9 @@ def test_reynolds_number_grows_with_speed_and_radius():
     assert [s.reynolds for s in slow] == sorted(s.reynolds for s in slow)
     assert fast[-1].reynolds / slow[-1].reynolds == pytest.approx(5200 / 2800)
     # Tip at 4000 rpm: 69 m/s on 27 mm.
-    assert polars.stations(SETUP, 4000.0, section, 11.88)[-1].reynolds == pytest.approx(1.28e5, rel=0.02)
+    assert polars.stations(SETUP, 4000.0, section, 11.88)[-1].reynolds == pytest.approx(
+        1.28e5, rel=0.02
+    )
     assert len(seen) == 3 * SETUP.rotor.stations
 
 
@@ -158,13 +166,17 @@ def test_an_unknown_section_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("checkMesh") is None, reason="no flow solver here: apt-get install openfoam")
+@pytest.mark.skipif(
+    shutil.which("checkMesh") is None, reason="no flow solver here: apt-get install openfoam"
+)
 @pytest.mark.parametrize("position", [POSITIONS[2], POSITIONS[5]], ids=lambda p: p.key)
 def test_the_solver_itself_finds_nothing_wrong_with_a_mesh(position, tmp_path):
     def section(angle_deg, reynolds):
         return np.zeros_like(angle_deg), np.zeros_like(angle_deg)
 
-    case.write(tmp_path, SETUP, position, polars.blades(SETUP, 4000.0, section, swirl=position.swirl))
+    case.write(
+        tmp_path, SETUP, position, polars.blades(SETUP, 4000.0, section, swirl=position.swirl)
+    )
     for program in ("blockMesh", "topoSet"):
         foam.run(tmp_path, program)
     said = foam.run(tmp_path, "checkMesh")

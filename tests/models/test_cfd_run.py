@@ -182,7 +182,9 @@ def test_blades_end_at_root_and_tip(tmp_path, solver):
     tables = polars.blades(short, 4000.0, section, swirl=False)
     compute(tmp_path / FREE.key, short, FREE, tables)
     blade = re.search(r"blade {(.*?)}", (tmp_path / FREE.key / "constant/fvOptions").read_text())[1]
-    radius, _, chord = np.array(re.findall(r"\(([\d.]+) ([\d.]+) ([\d.e-]+)\)", blade), dtype=float).T
+    radius, _, chord = np.array(
+        re.findall(r"\(([\d.]+) ([\d.]+) ([\d.e-]+)\)", blade), dtype=float
+    ).T
     there = chord > 1e-6
     assert radius[there] / short.fan.radius_m == pytest.approx(np.linspace(0.3, 0.95, 7))
     assert list(there) == [False, *[True] * 7, False]
@@ -193,7 +195,9 @@ def test_blades_end_at_root_and_tip(tmp_path, solver):
 def test_no_cell_of_a_disc_is_left_without_lift(tmp_path, solver):
     # The solver's disc takes the lift from cells at or beyond this share of its outermost cell's radius.
     compute(tmp_path / FREE.key, SETUP, FREE, TABLE)
-    shares = re.findall(r"tipEffect ([\d.]+);", (tmp_path / FREE.key / "constant/fvOptions").read_text())
+    shares = re.findall(
+        r"tipEffect ([\d.]+);", (tmp_path / FREE.key / "constant/fvOptions").read_text()
+    )
     assert len(shares) == 12
     assert all(float(s) > 1.0 for s in shares)
 
@@ -236,7 +240,9 @@ def test_a_wrong_fan_file_is_refused_before_any_work(tmp_path, capsys, old, new,
     text = (Path(config.__file__).parent / "fan.toml").read_text()
     fan = tmp_path / "fan.toml"
     fan.write_text(text.replace(old, new, 1))
-    assert main(["cfd", "run", "--fan", str(fan), "--work", str(tmp_path / "work"), "--dry-run"]) == 2
+    assert (
+        main(["cfd", "run", "--fan", str(fan), "--work", str(tmp_path / "work"), "--dry-run"]) == 2
+    )
     (line,) = capsys.readouterr().err.splitlines()
     assert word in line
     assert not (tmp_path / "work").exists()
@@ -244,7 +250,11 @@ def test_a_wrong_fan_file_is_refused_before_any_work(tmp_path, capsys, old, new,
 
 def test_the_wall_cannot_be_touched():
     check(SETUP, Position(1.0, 0.15, 4000.0))
-    for position in (Position(0.6, INF, 4000.0), Position(2.0, -0.1, 4000.0), Position(2.0, 0.0, 4000.0)):
+    for position in (
+        Position(0.6, INF, 4000.0),
+        Position(2.0, -0.1, 4000.0),
+        Position(2.0, 0.0, 4000.0),
+    ):
         with pytest.raises(ConfigError):
             check(SETUP, position)
 
@@ -287,7 +297,9 @@ def test_the_progress_counts_cases(tmp_path, solver):
 def test_every_disc_layer_turns_as_the_model_says():
     half = case.sources(FREE)
     assert sum(s * share for _, _, s, share in half) == pytest.approx(0.0)
-    assert sum(share for _, where, _, share in half if where.startswith("upper")) == pytest.approx(1.0)
+    assert sum(share for _, where, _, share in half if where.startswith("upper")) == pytest.approx(
+        1.0
+    )
     full = case.sources(replace(FREE, swirl=True))
     assert {s for _, where, s, _ in full if where.startswith("upper")} == {-1}
     assert {s for _, where, s, _ in full if where.startswith("lower")} == {1}

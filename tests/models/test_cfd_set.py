@@ -41,7 +41,11 @@ def wrench(position: Position) -> np.ndarray:
     out = increment(position.h, position.d)
     for k, a in EXPONENT.items():
         out[k] *= ratio ** (2 + a)
-    out[2] += 22.6 * ratio ** (2 + FREE_EXPONENT) * (1 + (0.0 if position.swirl else 0.01) * (position.level - 1.0))
+    out[2] += (
+        22.6
+        * ratio ** (2 + FREE_EXPONENT)
+        * (1 + (0.0 if position.swirl else 0.01) * (position.level - 1.0))
+    )
     if position.swirl:
         wall = math.isfinite(position.d)
         out += [0.0, 0.05 * math.exp(1.0 - position.d), 0.0, 0.01 * wall, 0.0, 0.03]
@@ -69,7 +73,9 @@ def row(position: Position, status: str = "steady", **changes) -> Row:
 def rows() -> list[Row]:
     """Every half model, and full ones at the spread of positions that come first."""
     c = SETUP.campaign
-    others = len(c.other_rpm) * len(c.full_other_rpm_at) + len(c.full_grid_levels) * len(c.full_grid_at)
+    others = len(c.other_rpm) * len(c.full_other_rpm_at) + len(c.full_grid_levels) * len(
+        c.full_grid_at
+    )
     full = campaign.plan(SETUP, "full")[: len(c.full_at) + others]
     return [row(p) for p in (*campaign.plan(SETUP, "half"), *full)]
 
@@ -89,7 +95,9 @@ def checked(rows):
 def at(made, h: float, d: float, rpm: float) -> int:
     radius = SETUP.fan.radius_m
     (index,) = np.flatnonzero(
-        (made.table[:, 0] == h * radius) & (made.table[:, 1] == d * radius) & (made.table[:, 2] == rpm)
+        (made.table[:, 0] == h * radius)
+        & (made.table[:, 1] == d * radius)
+        & (made.table[:, 2] == rpm)
     )
     return int(index)
 
@@ -102,12 +110,18 @@ def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(made):
     filled = at(made, 1.25, 0.5, 5200.0)
     assert made.marks[filled].made == "law"
     assert made.table[filled, 3:] == pytest.approx(
-        wrench(Position(1.25, 0.5, 5200.0)) * [1, 0, 1, 0, 1, 0] + made.table[filled, 3:] * [0, 1, 0, 1, 0, 1], abs=1e-3
+        wrench(Position(1.25, 0.5, 5200.0)) * [1, 0, 1, 0, 1, 0]
+        + made.table[filled, 3:] * [0, 1, 0, 1, 0, 1],
+        abs=1e-3,
     )
     other_speed = at(made, 2.0, 1.0, 2800.0)
     assert made.marks[other_speed].made == "corrected"
-    count = {kind: sum(m.made == kind for m in made.marks) for kind in ("solved", "corrected", "law")}
-    assert count["solved"] == len(SETUP.campaign.full_at) + 2 * len(SETUP.campaign.full_other_rpm_at)
+    count = {
+        kind: sum(m.made == kind for m in made.marks) for kind in ("solved", "corrected", "law")
+    }
+    assert count["solved"] == len(SETUP.campaign.full_at) + 2 * len(
+        SETUP.campaign.full_other_rpm_at
+    )
     assert count["solved"] + count["corrected"] == 110 + 2 * 13
     assert sum(count.values()) == len(made.marks)
 
@@ -136,7 +150,9 @@ def test_two_states_give_their_mean_and_half_their_difference():
     near = Position(1.0, 0.5, 4000.0)
     low, high = np.array([-0.3, 0, 31.0, 0, 0.2, 0]), np.array([1.1, 0, 30.0, 0, 0.1, 0])
     other = replace(near, approach="wall")
-    label = labels([row(near, wrench=tuple(low)), row(other, wrench=tuple(high))], 4000.0)[near.place]
+    label = labels([row(near, wrench=tuple(low)), row(other, wrench=tuple(high))], 4000.0)[
+        near.place
+    ]
     assert label.wrench == pytest.approx((low + high) / 2)
     assert label.amplitude == pytest.approx([0.7, 0, 0.5, 0, 0.05, 0])
     assert label.starts == 2
@@ -216,7 +232,9 @@ def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out
     assert made.table[here, 5] == pytest.approx(truth, abs=0.1)
     solved = at(made, 1.5, 0.3, 4000.0)
     assert made.marks[solved].made == "solved"
-    assert made.table[solved, 5] == pytest.approx(wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2], abs=0.02)
+    assert made.table[solved, 5] == pytest.approx(
+        wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2], abs=0.02
+    )
     # A row that nobody solved in full is less sure by what full models left out show.
     assert made.marks[here].sigma[2] > made.marks[solved].sigma[2]
 
@@ -232,9 +250,15 @@ def test_a_full_model_that_swings_is_weighted_with_what_the_other_places_give(ro
         for r in rows:
             p = r.position
             if p.swirl and math.isfinite(p.h):
-                w = np.array(r.result.wrench) + np.array([0, 0, lift + off * (p == swinging), 0, 0, 0])
+                w = np.array(r.result.wrench) + np.array(
+                    [0, 0, lift + off * (p == swinging), 0, 0, 0]
+                )
                 errors = (0.0, 0.0, error, 0.0, 0.0, 0.0)
-                r = row(p, "cycling", wrench=tuple(w), error=errors) if p == swinging else row(p, wrench=tuple(w))
+                r = (
+                    row(p, "cycling", wrench=tuple(w), error=errors)
+                    if p == swinging
+                    else row(p, wrench=tuple(w))
+                )
             out.append(r)
         return out
 
@@ -250,10 +274,15 @@ def test_a_full_model_that_swings_is_weighted_with_what_the_other_places_give(ro
     assert doubtful[1] < 1.0
 
 
-def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_in_their_sigma(rows):
+def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_in_their_sigma(
+    rows,
+):
     rng = np.random.default_rng(5)
     noisy = [
-        row(r.position, wrench=tuple(np.array(r.result.wrench) + rng.normal(0, [0.5, 0, 0.8, 0, 0.05, 0.02])))
+        row(
+            r.position,
+            wrench=tuple(np.array(r.result.wrench) + rng.normal(0, [0.5, 0, 0.8, 0, 0.05, 0.02])),
+        )
         if r.position.swirl and r.position.place in SETUP.campaign.full_at[1:6]
         else r
         for r in rows
@@ -280,7 +309,9 @@ def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_
             out[0], out[2] = rng.normal(0, 0.6), -6 * near(p.place)[0] ** 2
         return out
 
-    changed = [row(r.position, wrench=tuple(np.array(r.result.wrench) + added(r.position))) for r in rows]
+    changed = [
+        row(r.position, wrench=tuple(np.array(r.result.wrench) + added(r.position))) for r in rows
+    ]
     made = assemble(changed, SETUP)
     assert made.correction.learnt[2]
     assert not made.correction.learnt[0]
@@ -308,7 +339,9 @@ def test_the_mesh_error_is_that_of_what_a_place_adds(rows):
     assert mesh_error(rows, SETUP) == pytest.approx(np.zeros(6), abs=1e-9)
     place = Position(2.0, 0.5, 4000.0, level=1.3)
     changed = [
-        row(place, wrench=tuple(np.add(wrench(place), [0, 0, 0.4, 0, 0, 0]))) if r.position == place else r
+        row(place, wrench=tuple(np.add(wrench(place), [0, 0, 0.4, 0, 0, 0])))
+        if r.position == place
+        else r
         for r in rows
     ]
     # Half of 0.4 N at one of two places.
@@ -316,7 +349,12 @@ def test_the_mesh_error_is_that_of_what_a_place_adds(rows):
 
 
 def test_the_table_comes_back_as_it_was_written(tmp_path, rows):
-    odd = [*rows[:5], row(Position(1.0, 0.5, 4000.0), "diverged", wrench=(math.nan,) * 6, note="blew up, at once")]
+    odd = [
+        *rows[:5],
+        row(
+            Position(1.0, 0.5, 4000.0), "diverged", wrench=(math.nan,) * 6, note="blew up, at once"
+        ),
+    ]
     table.write(tmp_path / "cases.csv", odd)
     back = table.read(tmp_path / "cases.csv")
     assert [r.position for r in back] == [r.position for r in odd]
@@ -364,14 +402,21 @@ def test_the_check_says_what_agrees_and_what_does_not(rows, checked):
 def test_the_check_judges_the_set_not_the_half_models_alone(rows):
     """Full models that gain less near the ground than half models: the ratio said is the set's."""
     less = [
-        row(r.position, wrench=tuple(np.array(r.result.wrench) - [0, 0, 3.0 * near(r.position.place)[0] ** 2, 0, 0, 0]))
+        row(
+            r.position,
+            wrench=tuple(
+                np.array(r.result.wrench) - [0, 0, 3.0 * near(r.position.place)[0] ** 2, 0, 0, 0]
+            ),
+        )
         if r.position.swirl
         else r
         for r in rows
     ]
     checked = check(less, SETUP)
     half = checked.half[1.0, INF].wrench[2] / checked.half[INF, INF].wrench[2]
-    assert checked.ratio(1.0) == pytest.approx(half - 3.0 * near((1.0, INF))[0] ** 2 / 22.6, abs=0.005)
+    assert checked.ratio(1.0) == pytest.approx(
+        half - 3.0 * near((1.0, INF))[0] ** 2 / 22.6, abs=0.005
+    )
     truth = (wrench(Position(1.25, INF, 4000.0))[2] - 3.0 * near((1.25, INF))[0] ** 2) / 22.6
     assert checked.ratio(1.25) == pytest.approx(truth, abs=0.01)
 
@@ -391,11 +436,16 @@ def test_the_command_writes_the_set(tmp_path, rows, checked, capsys):
     source = ["--cases", str(tmp_path / "cases.csv")]
     assert main(["cfd", "assemble", *source, "--out", str(tmp_path / "out")]) == 0
     assert "136 from the solver" in capsys.readouterr().out
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "corner_cfd.csv",
+        "corner_cfd_rows.csv",
+    ]
     found = summary(checked, rows, SETUP)
     assert found["positions"] == 110
     assert found["made"]["solved"] + found["made"]["corrected"] == 136
-    assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
+    assert (
+        main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
+    )
     assert "no finished cases" in capsys.readouterr().err
 
 
@@ -403,7 +453,9 @@ SHIPPED = Path(campaign.__file__).parents[1] / "data"
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not (SHIPPED / "corner_cfd_cases.csv").exists(), reason="no computed set in this checkout")
+@pytest.mark.skipif(
+    not (SHIPPED / "corner_cfd_cases.csv").exists(), reason="no computed set in this checkout"
+)
 def test_the_shipped_set_is_what_its_cases_give(tmp_path):
     made = assemble(table.read(SHIPPED / "corner_cfd_cases.csv"), SETUP)
     write_data(tmp_path / "set.csv", made)

@@ -28,7 +28,9 @@ def result() -> compare.Comparison:
         patch.setattr(genetic, "Settings", lambda: quick)
         patch.setattr(levenberg, "EVALUATIONS", 10)
         patch.setattr(kriging, "ROWS_FOR_LENGTHS", 40)
-        return compare.compare(data.take((rng.random(len(data)) < 0.12) | data.free_air), splits=2, epochs=30)
+        return compare.compare(
+            data.take((rng.random(len(data)) < 0.12) | data.free_air), splits=2, epochs=30
+        )
 
 
 def test_the_table_has_every_method_and_component(result: compare.Comparison) -> None:
@@ -76,12 +78,18 @@ def test_data_without_any_effect_are_refused() -> None:
         compare.compare(replace(data, wrench=alone))
 
 
-def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp_path: Path) -> None:
+def test_the_page_says_first_which_method_to_use(
+    result: compare.Comparison, tmp_path: Path
+) -> None:
     use = result.numbers["use"]["method"]
     command = f"models train --data fan.csv --method {use} --out DIR"
     html = compare.write_page(tmp_path, result, command).read_text()
     assert f"Next: {command}" in html
-    assert html.index(f"Use {use}.") < html.index(f"--method {use} --out DIR") < html.index("Held-out R^2")
+    assert (
+        html.index(f"Use {use}.")
+        < html.index(f"--method {use} --out DIR")
+        < html.index("Held-out R^2")
+    )
     assert html.count("<svg") == len(train.METHODS)
     for method in train.METHODS:
         assert method in html
@@ -98,4 +106,9 @@ def shown(html: str, tmp_path: Path) -> None:
     with Browser() as browser:
         for size in (PHONE, DESKTOP):
             seen = browser.open((tmp_path / "shown.html").as_uri(), size)
-            assert (seen.width <= size[0], seen.cut_cells, seen.console, seen.requests) == (True, 0, (), ())
+            assert (seen.width <= size[0], seen.cut_cells, seen.console, seen.requests) == (
+                True,
+                0,
+                (),
+                (),
+            )

@@ -54,4 +54,6 @@ def test_it_is_the_law_of_the_reference(shared_data: Path) -> None:
     reference = module_from_spec(spec)
     spec.loader.exec_module(reference)
     data = FAN.data_set()
-    np.testing.assert_allclose(data.wrench, reference.duct_wrench(data.h, data.d, data.rpm)[0], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(
+        data.wrench, reference.duct_wrench(data.h, data.d, data.rpm)[0], rtol=1e-12, atol=1e-13
+    )

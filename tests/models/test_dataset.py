@@ -20,7 +20,9 @@ def _lines(count: int = 40) -> list[str]:
     rows = [HEADER]
     for i in range(count):
         h, d = ("inf", "inf") if i % 10 == 0 else (f"{0.1 + 0.02 * i:g}", f"{0.05 + 0.01 * i:g}")
-        values = ",".join(f"{v:.6g}" for v in (rng.normal(0, 0.1), 0.01, 20.0 + 0.1 * i, 0.0, 0.1, 0.0))
+        values = ",".join(
+            f"{v:.6g}" for v in (rng.normal(0, 0.1), 0.01, 20.0 + 0.1 * i, 0.0, 0.1, 0.0)
+        )
         rows.append(f"{h},{d},{3000 + 50 * i},{values}")
     return rows
 
@@ -90,7 +92,9 @@ def test_the_line_named_counts_blank_lines_too(tmp_path: Path) -> None:
         dataset.read(_write(tmp_path, [lines[0], "", "", *lines[1:]]))
 
 
-@pytest.mark.parametrize("header", ["h,d,rpm,Fx,Fy,Fz,Mx,My,Mz", HEADER.replace("h_m,d_m", "d_m,h_m"), ""])
+@pytest.mark.parametrize(
+    "header", ["h,d,rpm,Fx,Fy,Fz,Mx,My,Mz", HEADER.replace("h_m,d_m", "d_m,h_m"), ""]
+)
 def test_another_header_is_refused(tmp_path: Path, header: str) -> None:
     with pytest.raises(ModelError, match="header must be exactly"):
         dataset.read(_write(tmp_path, [header, *_lines()[1:]]))
@@ -135,7 +139,9 @@ def test_rows_at_rest_are_dropped_but_not_with_a_load(tmp_path: Path) -> None:
     assert len(data) == 40
     assert any("at rest" in note for note in data.notes)
     with pytest.raises(ModelError, match="line 42 is at rest"):
-        dataset.read(_write(tmp_path, [*_lines(), at_rest.replace("0,0,0,0,0,0,0", "0,0,0,1.5,0,0,0")]))
+        dataset.read(
+            _write(tmp_path, [*_lines(), at_rest.replace("0,0,0,0,0,0,0", "0,0,0,1.5,0,0,0")])
+        )
 
 
 def test_rows_of_one_place_share_its_number() -> None:
@@ -182,7 +188,9 @@ def test_sigma_is_found_by_place_and_speed(tmp_path):
     assert known.sigma.shape == (len(data), 6)
     assert known.sigma[first, 0] == pytest.approx(0.7)
     assert known.sigma[~first] == pytest.approx(0.1)
-    assert dataset.with_sigma(shuffled, path).take(np.flatnonzero(first)).sigma[0, 0] == pytest.approx(0.7)
+    assert dataset.with_sigma(shuffled, path).take(np.flatnonzero(first)).sigma[
+        0, 0
+    ] == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,16 @@ import models
 from companion import vehicles
 from companion.vehicles import default_vehicle
 from models.air_state import AirState, blank_state
-from models.effects import AdoptedEffect, Context, FlightUse, adopted, adopted_wrench, catalogue, corrected_state, get
+from models.effects import (
+    AdoptedEffect,
+    Context,
+    FlightUse,
+    adopted,
+    adopted_wrench,
+    catalogue,
+    corrected_state,
+    get,
+)
 from models.errors import ModelError
 from models.frames import AXES
 from models.vehicle import Throttle, load_vehicle
@@ -79,17 +88,21 @@ def test_the_agreed_names_are_all_there() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_entry_is_complete_and_its_regressors_have_the_declared_shape(name: str, ctx: Context) -> None:
+def test_an_entry_is_complete_and_its_regressors_have_the_declared_shape(
+    name: str, ctx: Context
+) -> None:
     effect = get(name)
     for text in (effect.equation, effect.sign, effect.excite):
         assert len(text) > 3
     assert re.search(
-        r"\n\nValid: .{4,}\nSource: .{4,}", import_module(f"models.effects.{name}").__doc__ or "", re.DOTALL
+        r"\n\nValid: .{4,}\nSource: .{4,}",
+        import_module(f"models.effects.{name}").__doc__ or "",
+        re.DOTALL,
     )
     assert effect.coefficients
     assert set(effect.axes) <= set(AXES)
     assert effect.channels
-    assert all(c.least(ctx) < c.high for c in effect.coefficients)
+    assert all(c.least(ctx) < c.most(ctx) for c in effect.coefficients)
     if effect.lacking(ctx) is not None:
         pytest.skip(f"this record cannot show it: {effect.lacking(ctx)}")
     for shape in list(effect.shape_grid(ctx))[:3]:
@@ -98,7 +111,9 @@ def test_an_entry_is_complete_and_its_regressors_have_the_declared_shape(name: s
         assert x.shape == (len(ctx.state), 6, len(effect.coefficients))
 
 
-@pytest.mark.parametrize("name", ["wind", "payload", "thrust_scale", "ceiling", "cg_offset", "rotor_drag"])
+@pytest.mark.parametrize(
+    "name", ["wind", "payload", "thrust_scale", "ceiling", "cg_offset", "rotor_drag"]
+)
 def test_one_instant_gives_what_the_record_gives_there(name: str, ctx: Context) -> None:
     effect = get(name)
     shape = next(iter(effect.shape_grid(ctx)))
@@ -110,12 +125,18 @@ def test_one_instant_gives_what_the_record_gives_there(name: str, ctx: Context) 
 
 def test_signs(ctx: Context) -> None:
     assert fz("thrust_scale", ctx, scale=0.1) < 0.0  # more lift
-    assert fz("payload", ctx, mass=0.5, from_s=0.0) == pytest.approx(0.5 * 9.80665, rel=0.01)  # heavier: less lift
+    assert fz("payload", ctx, mass=0.5, from_s=0.0) == pytest.approx(
+        0.5 * 9.80665, rel=0.01
+    )  # heavier: less lift
     assert fz("ceiling", ctx, gain=1.0, scale=1.0) < 0.0  # drawn up
     wind = AdoptedEffect("wind", dict.fromkeys((c.name for c in get("wind").coefficients), 0.0) | {"north": 1.0, "above_radii": 0.0})  # fmt: skip # noqa: E501
-    assert adopted_wrench([wind], ctx)[:, 0].min() > 0.0  # level, nose north: air moving north pushes forward
+    assert (
+        adopted_wrench([wind], ctx)[:, 0].min() > 0.0
+    )  # level, nose north: air moving north pushes forward
     cg = adopted_wrench([AdoptedEffect("cg_offset", {"x": 0.01, "y": 0.01})], ctx)
-    assert cg[:, 4].max() < 0.0 < cg[:, 3].min()  # CG ahead: nose down; to the right: right side down
+    assert (
+        cg[:, 4].max() < 0.0 < cg[:, 3].min()
+    )  # CG ahead: nose down; to the right: right side down
 
 
 def test_a_weak_fan_also_turns_the_body_less() -> None:
@@ -123,25 +144,33 @@ def test_a_weak_fan_also_turns_the_body_less() -> None:
     state = replace(blank_state((), 4, 4), rpm=np.full(4, 5000.0))
     weak = Context(state, vehicle)
     clockwise = [fan.rotors[0].spin > 0 for fan in vehicle.fans].index(True)
-    lost = get("fan_imbalance").wrench(weak, {"scale": -0.1, "torque": -0.1, "fan": clockwise + 1.0})
+    lost = get("fan_imbalance").wrench(
+        weak, {"scale": -0.1, "torque": -0.1, "fan": clockwise + 1.0}
+    )
     assert lost[2] > 0.0  # less lift
     assert lost[5] > 0.0  # a clockwise rotor turned the body counter-clockwise
 
 
 def test_a_bumper_pushes_back_harder_while_it_closes(ctx: Context) -> None:
-    near = replace(ctx.state, d_m=np.full_like(ctx.state.d_m, 0.05), wall_bearing_rad=np.zeros(len(ctx.state)))
+    near = replace(
+        ctx.state, d_m=np.full_like(ctx.state.d_m, 0.05), wall_bearing_rad=np.zeros(len(ctx.state))
+    )
     touch = AdoptedEffect("contact", {"stiffness": 100.0, "damping": 10.0, "reach_m": 0.07})
     level = replace(near, rates=np.zeros((len(near), 3)))
     force = adopted_wrench([touch], Context(level, ctx.vehicle, ctx.model))[:, 0]
     fans = len(ctx.vehicle.fans)
-    assert force == pytest.approx(-fans * (2.0 + 10.0 * Context(level, ctx.vehicle).velocity[:, 0]), abs=1e-9)
+    assert force == pytest.approx(
+        -fans * (2.0 + 10.0 * Context(level, ctx.vehicle).velocity[:, 0]), abs=1e-9
+    )
     away = replace(level, d_m=np.full_like(level.d_m, 0.08))
     assert not adopted_wrench([touch], Context(away, ctx.vehicle, ctx.model)).any()
 
 
 def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
     roll = 0.1
-    tilted = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(roll), -np.sin(roll)], [0.0, np.sin(roll), np.cos(roll)]])
+    tilted = np.array(
+        [[1.0, 0.0, 0.0], [0.0, np.cos(roll), -np.sin(roll)], [0.0, np.sin(roll), np.cos(roll)]]
+    )
     state = replace(ctx.state.take(0), rotation=tilted)
     load = AdoptedEffect("slung_load", {"swinging": 0.0, "mass": 0.2, "hook": 0.02, "rope_m": 0.5})
     wrench = adopted_wrench([load], Context(state, ctx.vehicle, ctx.model))
@@ -150,11 +179,15 @@ def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
     assert wrench[3] == pytest.approx(-0.1 * wrench[1])  # 0.1 m below the CG: it rights the body
 
 
-def test_an_effect_says_itself_what_it_corrects(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_effect_says_itself_what_it_corrects(
+    ctx: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
     slow = replace(
         get("range_offset"),
         name="slow_clock",
-        in_flight=FlightUse(corrected=lambda state, p: replace(state, time_s=state.time_s + p["offset_m"])),
+        in_flight=FlightUse(
+            corrected=lambda state, p: replace(state, time_s=state.time_s + p["offset_m"])
+        ),
     )
     monkeypatch.setattr("models.effects.catalogue", lambda: (slow,))
     late = corrected_state([AdoptedEffect("slow_clock", {"offset_m": 0.5})], ctx.state)
@@ -162,7 +195,9 @@ def test_an_effect_says_itself_what_it_corrects(ctx: Context, monkeypatch: pytes
 
 
 def test_a_range_offset_corrects_the_heights(ctx: Context) -> None:
-    moved = corrected_state([AdoptedEffect("range_offset", {"offset_m": 0.05, "secant_m": 0.045})], ctx.state)
+    moved = corrected_state(
+        [AdoptedEffect("range_offset", {"offset_m": 0.05, "secant_m": 0.045})], ctx.state
+    )
     assert np.allclose(moved.h_m, ctx.state.h_m - 0.05)
 
 
@@ -174,12 +209,18 @@ def test_a_corrected_measurement_is_not_corrected_twice(ctx: Context) -> None:
 def test_drag_areas_are_measured_in_discs(ctx: Context) -> None:
     wrench = adopted_wrench([AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], ctx)
     large = replace(ctx.vehicle, rotor_radius_m=2.0 * ctx.vehicle.rotor_radius_m)
-    other = adopted_wrench([AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], replace(ctx, vehicle=large))
+    other = adopted_wrench(
+        [AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], replace(ctx, vehicle=large)
+    )
     assert other == pytest.approx(4.0 * wrench)
 
 
 def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
-    dark = Context(replace(ctx.state, ceiling_m=np.full_like(ctx.state.ceiling_m, np.nan)), ctx.vehicle, ctx.model)
+    dark = Context(
+        replace(ctx.state, ceiling_m=np.full_like(ctx.state.ceiling_m, np.nan)),
+        ctx.vehicle,
+        ctx.model,
+    )
     assert fz("ceiling", dark, gain=1.0, scale=1.0) == 0.0
 
 
@@ -197,12 +238,42 @@ def test_a_model_directory_may_lack_an_optional_parameter() -> None:
         adopted("battery_sag", {"at_reference": 0.0, "reference_v": 16.0})
 
 
+def test_a_load_is_what_a_vehicle_can_lift_and_what_can_be_missing(ctx: Context) -> None:
+    outputs = replace(
+        ctx, vehicle=replace(ctx.vehicle, throttle=Throttle(40.0, 0.6, 1000.0, 2000.0, 16.0))
+    )
+    (mass,) = get("payload").coefficients
+    kg = ctx.vehicle.mass_kg
+    assert -0.3 * kg < mass.least(ctx) < -0.2 * kg
+    lifted = 40.0 * len(ctx.vehicle.rotors) / 9.80665
+    assert mass.most(outputs) == pytest.approx(max(lifted - kg, 0.2 * kg))
+    for coefficient in get("slung_load").coefficients[:2]:
+        assert coefficient.most(outputs) == mass.most(outputs)
+
+
+def test_a_swing_takes_a_flight_that_outlasts_it(ctx: Context) -> None:
+    """Of a swing of a metre the beginning is forgotten after eight seconds, of one of two metres after eleven."""
+    hop, flight, long = (replace(ctx, judged_s=(0.0, seconds)) for seconds in (7.0, 17.0, 60.0))
+    slung = get("slung_load")
+    assert "too short" in str(slung.lacking(hop))
+    assert max(rope for (rope,) in slung.shape_grid(flight)) <= 1.2
+    assert max(rope for (rope,) in slung.shape_grid(long)) == 2.0
+
+
+def test_thrust_that_follows_the_voltage_does_so_with_a_power_of_one_to_two(ctx: Context) -> None:
+    power = get("battery_sag").coefficients[0]
+    assert 1.0 <= power.mean(ctx) <= 2.0
+    assert power.mean(ctx) - 2.0 * power.spread(ctx) > 0.0
+
+
 def test_thrust_that_only_answers_disturbances_shows_no_current(ctx: Context) -> None:
     """A loop that answers a loss of lift by more thrust looks like thrust that falls with the current."""
     (ohmic,) = (c for c in get("battery_sag").coefficients if c.name == "ohmic")
-    outputs = replace(ctx, vehicle=replace(ctx.vehicle, throttle=Throttle(40.0, 0.6, 1000.0, 2000.0, 16.0)))
+    outputs = replace(
+        ctx, vehicle=replace(ctx.vehicle, throttle=Throttle(40.0, 0.6, 1000.0, 2000.0, 16.0))
+    )
     assert ohmic.spread(outputs) == 0.1
-    assert ohmic.spread(replace(outputs, only_answers=True)) < 0.01
+    assert ohmic.spread(replace(outputs, commanded=0.0)) < 0.01
 
 
 def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:
@@ -210,14 +281,26 @@ def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:
     vane = ctx.vehicle.vanes[0]
     servo[..., vane.servo - 1] = 1700.0
     deflected = Context(replace(ctx.state, servo_us=servo), ctx.vehicle, ctx.model)
-    neutral = Context(replace(ctx.state, servo_us=np.full_like(servo, 1500.0)), ctx.vehicle, ctx.model)
+    neutral = Context(
+        replace(ctx.state, servo_us=np.full_like(servo, 1500.0)), ctx.vehicle, ctx.model
+    )
     weak = {"scale": -0.1, "torque": 0.0, "fan": float(vane.fan)}
-    change = get("fan_imbalance").wrench(deflected, weak) - get("fan_imbalance").wrench(neutral, weak)
-    side = 0.1 * vane.force_per_thrust_rad * vane.rad_per_us * 200.0 * deflected.shared_thrust[:, vane.fan - 1]
+    change = get("fan_imbalance").wrench(deflected, weak) - get("fan_imbalance").wrench(
+        neutral, weak
+    )
+    side = (
+        0.1
+        * vane.force_per_thrust_rad
+        * vane.rad_per_us
+        * 200.0
+        * deflected.shared_thrust[:, vane.fan - 1]
+    )
     assert change[:, :3] == pytest.approx(-side[:, None] * np.asarray(vane.axis))
 
 
-def test_scales_of_thrust_in_a_record_do_not_follow_the_difference_between_fans(ctx: Context) -> None:
+def test_scales_of_thrust_in_a_record_do_not_follow_the_difference_between_fans(
+    ctx: Context,
+) -> None:
     nodding = ctx.state.rpm.copy()
     nodding[:, : nodding.shape[1] // 2] *= 1.0 + 0.02 * np.sin(np.arange(len(nodding)))[:, None]
     record = Context(replace(ctx.state, rpm=nodding), ctx.vehicle, ctx.model)

@@ -162,7 +162,12 @@ def test_places_of_px4_get_the_name_of_the_frame_that_they_are():
     assert px4_rotors(rotors(*X_OF_PX4)).name == "quad-x"
     other_way = tuple((x, y, -km) for x, y, km in X_OF_PX4)
     assert px4_rotors(rotors(*other_way)).name == "quad-h"
-    iris = ((0.1515, 0.245, 0.05), (-0.1515, -0.1875, 0.05), (0.1515, -0.245, -0.05), (-0.1515, 0.1875, -0.05))
+    iris = (
+        (0.1515, 0.245, 0.05),
+        (-0.1515, -0.1875, 0.05),
+        (0.1515, -0.245, -0.05),
+        (-0.1515, 0.1875, -0.05),
+    )
     assert px4_rotors(rotors(*iris)).name == "quad-wide"
     bent = ((0.3, 0.1, 0.05), *X_OF_PX4[1:])
     assert px4_rotors(rotors(*bent)).name == "4 rotors of CA_ROTORn"

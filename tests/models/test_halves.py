@@ -37,7 +37,17 @@ def test_both_halves_cover_the_region(part):
 
 
 def test_a_model_of_one_half_says_so(tmp_path):
-    command = ["train", "--data", str(DATA), "--places", "odd", "--method", "polynomial", "--out", str(tmp_path)]
+    command = [
+        "train",
+        "--data",
+        str(DATA),
+        "--places",
+        "odd",
+        "--method",
+        "polynomial",
+        "--out",
+        str(tmp_path),
+    ]
     assert main([*command, "--quiet"]) == 0
     info = json.loads((tmp_path / "model.json").read_text())
     assert info["data"]["rows"] == len(ODD)

@@ -61,7 +61,11 @@ def test_no_package_imports_a_higher_one() -> None:
 def circles(graph: dict[str, set[str]]) -> list[set[str]]:
     """The sets of names that reach each other."""
     below = {name: reached(name, graph) for name in graph}
-    found = {frozenset(o for o in below[name] if name in below[o]) for name in graph if name in below[name]}
+    found = {
+        frozenset(o for o in below[name] if name in below[o])
+        for name in graph
+        if name in below[name]
+    }
     return [set(circle) for circle in found]
 
 
@@ -80,7 +84,9 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 def test_no_folders_import_each_other_in_a_circle() -> None:
     graph: dict[str, set[str]] = {}
     for name, others in imports().items():
-        graph.setdefault(folder(name), set()).update(folder(other) for other in others if folder(other) != folder(name))
+        graph.setdefault(folder(name), set()).update(
+            folder(other) for other in others if folder(other) != folder(name)
+        )
     assert [sorted(circle) for circle in circles(graph)] == []
 
 

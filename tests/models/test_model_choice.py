@@ -23,7 +23,10 @@ from replay.diagnosis.amended_model import amended
 def test_shipped_models_name_their_fan_and_fit_the_shipped_vehicle(name):
     model, vehicle = models.load(name), default_vehicle()
     fan = identity_of(model.info)
-    assert (fan.radius_m, fan.lip_radius_m) == (vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m)
+    assert (fan.radius_m, fan.lip_radius_m) == (
+        vehicle.rotor_radius_m,
+        vehicle.fans[0].lip_radius_m,
+    )
     assert fan.ct == pytest.approx(0.045, rel=0.02)
     assert contradictions(vehicle, model) == ()
     assert lift_over_weight(vehicle, model) == pytest.approx(1.0, abs=0.03)
@@ -85,7 +88,21 @@ def test_a_wrong_coefficient_alone_is_noticed_by_the_lift():
 
 def test_a_trained_model_is_told_its_fan(tmp_path, capsys):
     out = tmp_path / "m"
-    assert main(["train", "--data", "closed-form", "--method", "polynomial", "--out", str(out), "--quiet"]) == 0
+    assert (
+        main(
+            [
+                "train",
+                "--data",
+                "closed-form",
+                "--method",
+                "polynomial",
+                "--out",
+                str(out),
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     assert identity_of(models.load(out).info).radius_m == 0.165
     data = str(models.__path__[0]) + "/data/corner_cfd.csv"
     arguments = ["train", "--data", data, "--method", "polynomial", "--out", str(out), "--quiet"]

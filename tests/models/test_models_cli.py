@@ -26,9 +26,23 @@ def csv(tmp_path: Path) -> Path:
     return tmp_path / "fan.csv"
 
 
-def test_train_writes_a_model_and_the_json_of_the_documents(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_train_writes_a_model_and_the_json_of_the_documents(
+    csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = csv.parent / "model"
-    argv = ["train", "--data", str(csv), "--method", "polynomial", "--out", str(out), "--seed", "3", "--json", "-"]
+    argv = [
+        "train",
+        "--data",
+        str(csv),
+        "--method",
+        "polynomial",
+        "--out",
+        str(out),
+        "--seed",
+        "3",
+        "--json",
+        "-",
+    ]
     assert cli.main(argv) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["method"] == "polynomial"
@@ -47,7 +61,10 @@ def test_train_writes_a_model_and_the_json_of_the_documents(csv: Path, capsys: p
 
 def test_query_prints_the_wrench_of_a_model(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(csv.parent / "model")
-    assert cli.main(["train", "--data", str(csv), "--method", "polynomial", "--out", out, "--quiet"]) == 0
+    assert (
+        cli.main(["train", "--data", str(csv), "--method", "polynomial", "--out", out, "--quiet"])
+        == 0
+    )
     assert capsys.readouterr().out == ""
     assert cli.main(["query", out, "--h", "0.2", "--d", "inf", "--rpm", "4000", "--json", "-"]) == 0
     answer = json.loads(capsys.readouterr().out)
@@ -71,7 +88,10 @@ def test_query_asks_the_shipped_model_by_default(capsys: pytest.CaptureFixture[s
         (["query", "/nowhere", "--h", "1", "--d", "1", "--rpm", "1"], "/nowhere/model.json"),
         (["query", "/a", "--model", "/b", "--h", "1", "--d", "1", "--rpm", "1"], "differ"),
         (["train", "--data", "/none.csv", "--method", "bp", "--out", "/tmp/never"], "/none.csv"),
-        (["train", "--data", "closed-form", "--method", "polynomial", "--out", "/dev/null/x"], "/dev/null/x"),
+        (
+            ["train", "--data", "closed-form", "--method", "polynomial", "--out", "/dev/null/x"],
+            "/dev/null/x",
+        ),
         (["compare", "--data", "/none.csv"], "/none.csv"),
     ],
 )
@@ -86,7 +106,9 @@ def test_bad_input_is_one_line_and_exit_code_two(
     assert not Path("/tmp/never").exists()
 
 
-@pytest.mark.parametrize("argv", [[], ["train"], ["train", "--data", "x", "--out", "y", "--method", "forest"], ["fly"]])
+@pytest.mark.parametrize(
+    "argv", [[], ["train"], ["train", "--data", "x", "--out", "y", "--method", "forest"], ["fly"]]
+)
 def test_bad_arguments_exit_with_two(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         cli.main(argv)
@@ -102,7 +124,9 @@ def test_without_torch_the_message_says_what_to_install(
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "models.training.network", raising=False)
     monkeypatch.delattr(models.training, "network", raising=False)
-    code = cli.main(["train", "--data", "closed-form", "--method", "bp", "--out", str(tmp_path), "--quiet"])
+    code = cli.main(
+        ["train", "--data", "closed-form", "--method", "bp", "--out", str(tmp_path), "--quiet"]
+    )
     assert code == 2
     assert "pip install" in capsys.readouterr().err
 
@@ -115,7 +139,9 @@ def test_an_interrupt_exits_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     assert cli.main(["query", "--h", "1", "--d", "1", "--rpm", "1"]) == 130
 
 
-def test_json_goes_to_a_file_and_an_unwritable_one_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_goes_to_a_file_and_an_unwritable_one_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     argv = ["query", "--h", "1", "--d", "1", "--rpm", "4000", "--json"]
     assert cli.main([*argv, str(tmp_path / "q.json")]) == 0
     assert json.loads((tmp_path / "q.json").read_text())["rpm"] == 4000.0
@@ -129,7 +155,10 @@ def test_help_imports_no_trainer() -> None:
         "try:\n cli.main(['--help'])\nexcept SystemExit:\n pass\n"
         "sys.exit(any(m in sys.modules for m in ('numpy', 'torch', 'sklearn', 'scipy', 'matplotlib')))"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True).returncode == 0
+    assert (
+        subprocess.run([sys.executable, "-c", code], check=False, capture_output=True).returncode
+        == 0
+    )
 
 
 def test_the_methods_offered_are_the_methods_there_are() -> None:

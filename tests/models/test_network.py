@@ -17,7 +17,12 @@ def _batch(nets: int = 4, rows: int = 50) -> tuple[network.Batch, tuple[np.ndarr
     rng = np.random.default_rng(0)
     x, gate = rng.uniform(-1, 1, (nets, rows, 3)), rng.uniform(0, 1, (nets, rows))
     y, weight = rng.normal(size=(nets, rows)), (rng.random((nets, rows)) < 0.8).astype(float)
-    return network.Batch.of(x, gate, y, weight), (x, gate, y, weight / weight.sum(axis=1, keepdims=True))
+    return network.Batch.of(x, gate, y, weight), (
+        x,
+        gate,
+        y,
+        weight / weight.sum(axis=1, keepdims=True),
+    )
 
 
 def _theta(nets: int = 4) -> np.ndarray:  # type: ignore[type-arg]
@@ -77,7 +82,10 @@ def test_adam_is_that_of_the_paper() -> None:
 def test_descent_and_adam_lower_every_nets_error(adam_rate: float | None) -> None:
     batch, _ = _batch()
     after = network.descend(_theta(), batch, HIDDEN, 200, adam_rate=adam_rate)
-    before, then = (network.errors(torch.as_tensor(t, dtype=torch.float32), batch, HIDDEN) for t in (_theta(), after))
+    before, then = (
+        network.errors(torch.as_tensor(t, dtype=torch.float32), batch, HIDDEN)
+        for t in (_theta(), after)
+    )
     assert bool((then < before).all())
 
 

@@ -34,7 +34,11 @@ def _surface(component: int, model: FanSurrogate | None = None) -> Array:
 
 def _roughness(surface: Array) -> float:
     """RMS second difference over the grid: waviness between samples."""
-    return float(np.sqrt(np.mean(np.diff(surface, 2, axis=0) ** 2) + np.mean(np.diff(surface, 2, axis=1) ** 2)))
+    return float(
+        np.sqrt(
+            np.mean(np.diff(surface, 2, axis=0) ** 2) + np.mean(np.diff(surface, 2, axis=1) ** 2)
+        )
+    )
 
 
 def test_a_place_is_held_out_with_all_its_speeds_and_free_air_never() -> None:
@@ -71,7 +75,14 @@ def test_evidence_is_the_same_for_thousands_of_rows() -> None:
     y = np.zeros((4000, 6))
     y[:, 0], y[:, 2] = rng.normal(size=4000), np.sin(2 * x[:, 0])
     y[:, 4] = 7.0
-    assert live_components.live(x, y, np.ones_like(y), place).tolist() == [False, False, True, False, False, False]
+    assert live_components.live(x, y, np.ones_like(y), place).tolist() == [
+        False,
+        False,
+        True,
+        False,
+        False,
+        False,
+    ]
 
 
 def test_a_constant_component_has_no_r2_and_is_said_to_have_none() -> None:
@@ -161,5 +172,7 @@ def test_data_with_nothing_in_them_still_train() -> None:
     data = noisy_campaign(0.0, pitch_bias=0.0)
     lift = FAN.wrench(INF, INF, data.rpm)
     trained = train.train(replace(data, wrench=lift), "ensemble", 0)
-    np.testing.assert_allclose(trained.model.wrench(0.2, 0.1, RPM), lift[data.rpm == RPM][0], atol=1e-9)
+    np.testing.assert_allclose(
+        trained.model.wrench(0.2, 0.1, RPM), lift[data.rpm == RPM][0], atol=1e-9
+    )
     assert all(trained.report["increments"]["test"][a]["r2"] is None for a in AXES)

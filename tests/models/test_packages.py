@@ -37,7 +37,9 @@ def test_libraries_carry_a_version(package: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_version_option(package: str) -> None:
-    out = subprocess.run([sys.executable, "-m", package, "--version"], capture_output=True, text=True, check=True)
+    out = subprocess.run(
+        [sys.executable, "-m", package, "--version"], capture_output=True, text=True, check=True
+    )
     assert out.stdout.split() == [package, version("corner-compensator")]
 
 

@@ -58,7 +58,9 @@ def test_adopted_effects_survive(directory: Path) -> None:
     models.save_model(directory, models.load(directory).with_effects(effects))
     back = models.load(directory)
     assert back.effects == effects
-    np.testing.assert_array_equal(back.wrench(0.2, 0.1, 4000.0), models.load().wrench(0.2, 0.1, 4000.0))
+    np.testing.assert_array_equal(
+        back.wrench(0.2, 0.1, 4000.0), models.load().wrench(0.2, 0.1, 4000.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -74,13 +76,24 @@ def test_adopted_effects_survive(directory: Path) -> None:
         ({"effects": [{"name": "ceiling"}]}, "'parameters' is missing"),
         ({"effects": [{"name": "ceiling", "parameters": {"gain": "much"}}]}, "is damaged"),
         ({"effects": [{"name": "phlogiston", "parameters": {}}]}, "not in the catalogue"),
-        ({"effects": [{"name": "ceiling", "parameters": {"gain": 1.0}}]}, "'ceiling' lacks parameter 'scale'"),
-        ({"effects": [{"name": "cg_offset", "parameters": {"x": 0, "y": 0, "z": 0}}]}, "does not know parameter 'z'"),
-        ({"effects": [{"name": "cg_offset", "parameters": {"x": 0, "y": float("nan")}}]}, "parameter 'y' is nan"),
+        (
+            {"effects": [{"name": "ceiling", "parameters": {"gain": 1.0}}]},
+            "'ceiling' lacks parameter 'scale'",
+        ),
+        (
+            {"effects": [{"name": "cg_offset", "parameters": {"x": 0, "y": 0, "z": 0}}]},
+            "does not know parameter 'z'",
+        ),
+        (
+            {"effects": [{"name": "cg_offset", "parameters": {"x": 0, "y": float("nan")}}]},
+            "parameter 'y' is nan",
+        ),
         ({"weights": {"file": "weights.npz", "sha256": "0" * 64}}, "does not have the hash"),
     ],
 )
-def test_a_manifest_that_does_not_fit_is_refused(directory: Path, changes: dict[str, Any], message: str) -> None:
+def test_a_manifest_that_does_not_fit_is_refused(
+    directory: Path, changes: dict[str, Any], message: str
+) -> None:
     _edit(directory, **changes)
     with pytest.raises(ModelError, match=message) as error:
         models.load(directory)
@@ -88,9 +101,13 @@ def test_a_manifest_that_does_not_fit_is_refused(directory: Path, changes: dict[
     assert "\n" not in str(error.value)
 
 
-def test_a_map_of_ground_and_wall_without_the_radius_that_it_is_in_is_refused(directory: Path) -> None:
+def test_a_map_of_ground_and_wall_without_the_radius_that_it_is_in_is_refused(
+    directory: Path,
+) -> None:
     law = get("surface_law")
-    size = dict.fromkeys([c.name for c in law.coefficients], 0.02) | dict.fromkeys([s.name for s in law.shapes], 1.0)
+    size = dict.fromkeys([c.name for c in law.coefficients], 0.02) | dict.fromkeys(
+        [s.name for s in law.shapes], 1.0
+    )
     models.save_model(directory, models.load().with_effects((AdoptedEffect(law.name, size),)))
     assert np.isfinite(models.load(directory).wrench(0.2, 0.1, 4000.0)).all()
     _edit(directory, fan=None)

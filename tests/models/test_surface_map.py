@@ -62,7 +62,9 @@ def test_an_amended_model_answers_with_the_map_and_is_the_same_after_saving(tmp_
 def test_what_flights_saw_is_trusted_whatever_the_model_said_of_itself() -> None:
     bare = models.load("corner_cfd")
     seen = _law()
-    seen = AdoptedEffect(seen.name, dict(seen.parameters) | {cell_name("seen", k): 1.0 for k in range(MEASURED.size)})
+    seen = AdoptedEffect(
+        seen.name, dict(seen.parameters) | {cell_name("seen", k): 1.0 for k in range(MEASURED.size)}
+    )
     amended = bare.with_effects((seen,), bare.info)
     assert bare.trust(0.2, 0.02, 4000.0) < 0.9
     assert amended.trust(0.2, 0.02, 4000.0) == 1.0
@@ -73,14 +75,19 @@ def test_the_columns_that_diagnosis_fits_are_what_the_amended_model_answers() ->
     rng = np.random.default_rng(3)
     state = blank_state((20,), 2, 4)
     state.rpm[...] = 4000.0
-    state.h_m[...], state.d_m[...] = rng.uniform(0.15, 1.0, (20, 1)), rng.uniform(0.04, 1.0, (20, 1))
+    state.h_m[...], state.d_m[...] = (
+        rng.uniform(0.15, 1.0, (20, 1)),
+        rng.uniform(0.04, 1.0, (20, 1)),
+    )
     bearing = rng.uniform(-3.0, 3.0, 20)
     state = replace(state, wall_bearing_rad=bearing, time_s=np.arange(20.0))
     effect = get("surface_law")
     values = rng.normal(0.0, 0.05, len(effect.coefficients))
     parameters = {c.name: float(v) for c, v in zip(effect.coefficients, values, strict=True)}
     amended = bare.with_effects((AdoptedEffect("surface_law", parameters),), bare.info)
-    fitted = effect.wrench(Context(state, vehicle, bare), parameters | {s.name: 1.0 for s in effect.shapes})
+    fitted = effect.wrench(
+        Context(state, vehicle, bare), parameters | {s.name: 1.0 for s in effect.shapes}
+    )
     fans = [amended.wrench(state.h_m[:, i], state.d_m[:, i], 4000.0) for i in range(2)]
     alone = [bare.wrench(state.h_m[:, i], state.d_m[:, i], 4000.0) for i in range(2)]
     force = sum(corner_to_body(a - b, bearing)[:, :3] for a, b in zip(fans, alone, strict=True))

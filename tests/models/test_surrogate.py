@@ -26,7 +26,11 @@ def model() -> FanSurrogate:
 
 def test_it_answers_close_to_the_closed_form_it_was_trained_on(model: FanSurrogate) -> None:
     rng = np.random.default_rng(0)
-    h, d, rpm = rng.uniform(0.08, 0.8, 2000), rng.uniform(0.03, 0.7, 2000), rng.uniform(2600, 5500, 2000)
+    h, d, rpm = (
+        rng.uniform(0.08, 0.8, 2000),
+        rng.uniform(0.03, 0.7, 2000),
+        rng.uniform(2600, 5500, 2000),
+    )
     truth, lift = ClosedForm().wrench(h, d, rpm), ClosedForm().lift(rpm)[:, None]
     free = np.array([0, 0, 1, 0, 0, 0])
     y, answer = truth / lift - free, model.wrench(h, d, rpm) / lift - free
@@ -40,11 +44,19 @@ def test_it_says_that_it_is_not_cfd(model: FanSurrogate) -> None:
 
 
 @settings(deadline=None)
-@given(h=st.floats(0.67, 50) | st.just(INF), d=st.floats(0.67, 50) | st.just(INF), rpm=st.floats(0, 8000))
-def test_far_from_everything_the_disturbance_is_exactly_zero(h: float, d: float, rpm: float) -> None:
+@given(
+    h=st.floats(0.67, 50) | st.just(INF),
+    d=st.floats(0.67, 50) | st.just(INF),
+    rpm=st.floats(0, 8000),
+)
+def test_far_from_everything_the_disturbance_is_exactly_zero(
+    h: float, d: float, rpm: float
+) -> None:
     model = models.load()
     np.testing.assert_array_equal(model.wrench(h, d, rpm), model.wrench(INF, INF, rpm))
-    np.testing.assert_array_equal(model.wrench(np.array([h]), d, rpm), model.wrench(np.array([INF]), INF, rpm))
+    np.testing.assert_array_equal(
+        model.wrench(np.array([h]), d, rpm), model.wrench(np.array([INF]), INF, rpm)
+    )
 
 
 @settings(deadline=None)
@@ -67,7 +79,9 @@ def test_at_rest_the_wrench_is_zero(model: FanSurrogate) -> None:
 
 @pytest.mark.parametrize("point", [(NAN, 0.2, 4000.0), (0.2, NAN, 4000.0), (0.2, 0.2, NAN), (-0.1, 0.2, 4000.0),
                                    (0.2, -0.1, 4000.0), (0.2, 0.2, -1.0), (0.2, 0.2, INF)])  # fmt: skip
-def test_nonsense_in_gives_nan_and_no_trust(model: FanSurrogate, point: tuple[float, float, float]) -> None:
+def test_nonsense_in_gives_nan_and_no_trust(
+    model: FanSurrogate, point: tuple[float, float, float]
+) -> None:
     for answer in (model.query(*point), model.query(*(np.array([v]) for v in point))):
         assert np.all(np.isnan(answer.wrench))
         assert np.all(np.isnan(answer.sigma))
@@ -111,11 +125,19 @@ def test_answers_do_not_change_when_the_next_is_asked(model: FanSurrogate) -> No
 
 def test_trust_is_whole_inside_and_gone_far_outside(model: FanSurrogate) -> None:
     rng = np.random.default_rng(1)
-    inside = model.trust(rng.uniform(0.06, 0.8, 500), rng.uniform(0.02, 0.7, 500), rng.uniform(2600, 5500, 500))
+    inside = model.trust(
+        rng.uniform(0.06, 0.8, 500), rng.uniform(0.02, 0.7, 500), rng.uniform(2600, 5500, 500)
+    )
     assert inside.min() > 0.9
     assert inside.max() <= 1.0
     assert model.trust(INF, INF, 4000.0) > 0.9
-    for outside in ((0.01, 0.2, 4000.0), (0.2, 0.001, 4000.0), (0.2, 0.2, 1000.0), (0.2, 0.2, 9000.0), (0.2, 0.2, 0.0)):
+    for outside in (
+        (0.01, 0.2, 4000.0),
+        (0.2, 0.001, 4000.0),
+        (0.2, 0.2, 1000.0),
+        (0.2, 0.2, 9000.0),
+        (0.2, 0.2, 0.0),
+    ):
         assert model.trust(*outside) == 0.0
 
 

@@ -42,7 +42,9 @@ def small() -> DataSet:
 @pytest.mark.slow
 @pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, small: DataSet, tmp_path: Path) -> None:
+def test_every_method_trains_saves_and_flies_without_its_trainer(
+    method: str, small: DataSet, tmp_path: Path
+) -> None:
     if method in PAPER_METHODS:
         pytest.importorskip("torch", reason="training extra not installed")
     if method == "kriging":
@@ -51,7 +53,9 @@ def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, sm
     store.save_model(tmp_path, trained.model)
     model = store.load(tmp_path)
     h, d = np.array([0.1, 0.3, INF]), np.array([0.1, 0.2, INF])
-    np.testing.assert_allclose(model.wrench(h, d, 4000.0), trained.model.wrench(h, d, 4000.0), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        model.wrench(h, d, 4000.0), trained.model.wrench(h, d, 4000.0), rtol=1e-6, atol=1e-9
+    )
     np.testing.assert_array_equal(model.wrench(INF, INF, 4000.0), model.free_air(4000.0))
     assert model.info["method"] == method
     r = trained.report
@@ -108,8 +112,12 @@ def test_without_free_air_rows_the_outermost_stand_in_and_it_is_said() -> None:
     trained = train.train(data.take(np.isfinite(data.h) & np.isfinite(data.d)), "polynomial", 0)
     assert trained.model.free_air_law.origin == "outermost rows"
     assert any("no free-air rows" in note for note in trained.report["notes"])
-    np.testing.assert_allclose(trained.model.free_air(4000.0)[2], ClosedForm().lift(4000.0), rtol=0.01)
-    assert trained.model.trust(INF, INF, 4000.0) < 1.0, "what was never measured is not wholly trusted"
+    np.testing.assert_allclose(
+        trained.model.free_air(4000.0)[2], ClosedForm().lift(4000.0), rtol=0.01
+    )
+    assert trained.model.trust(INF, INF, 4000.0) < 1.0, (
+        "what was never measured is not wholly trusted"
+    )
 
 
 def test_a_surface_the_data_never_saw_is_not_trusted_nearby() -> None:
@@ -124,8 +132,12 @@ def test_too_few_places_are_refused() -> None:
     data = ClosedForm().data_set()
     few = data.take(data.free_air | ((data.h == data.h[0]) & (data.d < 0.05)))
     for _ in range(4):
-        few = replace(few, **{k: np.concatenate([getattr(few, k)] * 2) for k in ("h", "d", "rpm", "wrench")})
-    with pytest.raises(ModelError, match=r"distinct places \(h, d\) to learn from; at least 10 are needed"):
+        few = replace(
+            few, **{k: np.concatenate([getattr(few, k)] * 2) for k in ("h", "d", "rpm", "wrench")}
+        )
+    with pytest.raises(
+        ModelError, match=r"distinct places \(h, d\) to learn from; at least 10 are needed"
+    ):
         train.train(few, "ensemble")
 
 
@@ -139,10 +151,16 @@ def test_noise_does_not_pass_for_precision() -> None:
     data = _thin(6)
     rng = np.random.default_rng(0)
     noise = 0.01 * ClosedForm().lift(data.rpm)[:, None] * np.array([0.1, 0.01, 1, 0.01, 0.1, 0.01])
-    trained = train.train(replace(data, wrench=data.wrench + noise * rng.normal(size=data.wrench.shape)), "ensemble", 0)
+    trained = train.train(
+        replace(data, wrench=data.wrench + noise * rng.normal(size=data.wrench.shape)),
+        "ensemble",
+        0,
+    )
     sigma = trained.model.query(0.3, 0.2, 4000.0).sigma
     assert 0.5 < sigma[2] / (0.01 * 22.56) < 2.0
-    assert np.mean(list(trained.report["coverage_95"]["test"].values())) == pytest.approx(0.95, abs=0.03)
+    assert np.mean(list(trained.report["coverage_95"]["test"].values())) == pytest.approx(
+        0.95, abs=0.03
+    )
 
 
 @pytest.mark.slow
@@ -201,7 +219,9 @@ def test_r_squared_is_the_papers_and_not_defined_for_a_constant() -> None:
 
 
 @pytest.mark.slow
-def test_reference_data_train_to_the_goal(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reference_data_train_to_the_goal(
+    shared_data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Accuracy alone: the weakest decay is given and little calibrated, for speed."""
     monkeypatch.setattr(train, "DECAYS", (1e-7,))
     monkeypatch.setattr(train, "CALIBRATION_ROWS", 200)
@@ -215,13 +235,19 @@ def test_reference_data_train_to_the_goal(shared_data: Path, monkeypatch: pytest
 def test_rows_that_are_known_badly_count_less(small: DataSet) -> None:
     """Places with a large error and a sigma that says so: the nets answer nearer to the truth than without it."""
     rng = np.random.default_rng(3)
-    bad = np.isin(small.locations, rng.permutation(np.unique(small.locations))[::3]) & ~small.free_air
+    bad = (
+        np.isin(small.locations, rng.permutation(np.unique(small.locations))[::3]) & ~small.free_air
+    )
     noise = rng.normal(0.0, 1.0, small.wrench.shape) * np.array([0.5, 0.5, 2.0, 0.05, 0.05, 0.05])
     noisy = replace(small, wrench=small.wrench + noise * bad[:, None])
-    sigma = np.where(bad[:, None], [0.5, 0.5, 2.0, 0.05, 0.05, 0.05], [0.02, 0.02, 0.02, 0.002, 0.002, 0.002])
+    sigma = np.where(
+        bad[:, None], [0.5, 0.5, 2.0, 0.05, 0.05, 0.05], [0.02, 0.02, 0.02, 0.002, 0.002, 0.002]
+    )
 
     def miss(data: DataSet) -> float:
         model = train.train(data, "ensemble", seed=1).model
-        return float(np.sqrt(np.mean((model.wrench(small.h, small.d, small.rpm) - small.wrench)[:, 2] ** 2)))
+        return float(
+            np.sqrt(np.mean((model.wrench(small.h, small.d, small.rpm) - small.wrench)[:, 2] ** 2))
+        )
 
     assert miss(replace(noisy, sigma=sigma)) < 0.7 * miss(noisy)

@@ -29,7 +29,14 @@ def built(motors, arm_m, **known):
     declared = declared_motors(known.get("parameters", {}))
     own = declared[0].numbers if declared else {}
     numbers = {motor: own.get(motor, motor) for motor in range(1, len(motors) + 1)}
-    answers = {"name": "v", "mass_kg": 3.0, "propeller_m": 0.28, "motors": motors, "arm_m": arm_m, "numbers": numbers}
+    answers = {
+        "name": "v",
+        "mass_kg": 3.0,
+        "propeller_m": 0.28,
+        "motors": motors,
+        "arm_m": arm_m,
+        "numbers": numbers,
+    }
     answers |= known
     vehicle, origin = build(Answers(**answers))
     return parse_vehicle(vehicle_text(vehicle, origin), "v.toml")
@@ -49,7 +56,16 @@ def test_the_shipped_quadrotor_comes_out_of_its_frame():
     assert made.inertia_kgm2 == pytest.approx(shipped.inertia_kgm2, rel=0.3)
 
 
-LOPSIDED = {"quad-vtail", "quad-atail", "quad-y4", "quad-deadcat", "octo-v", "tri", "tri-reversed", "px4-tri"}
+LOPSIDED = {
+    "quad-vtail",
+    "quad-atail",
+    "quad-y4",
+    "quad-deadcat",
+    "octo-v",
+    "tri",
+    "tri-reversed",
+    "px4-tri",
+}
 """By the firmware's own tables."""
 
 
@@ -64,17 +80,24 @@ def test_every_frame_makes_a_file_that_passes(frame):
 
 
 def test_ardupilot_parameters_give_outputs_ranges_and_curve():
-    vehicle = built(FRAMES["quad-x"], 0.32, parameters=ARDUPILOT, ranges=parameter_ranges(ARDUPILOT))
+    vehicle = built(
+        FRAMES["quad-x"], 0.32, parameters=ARDUPILOT, ranges=parameter_ranges(ARDUPILOT)
+    )
     assert [r.esc for r in vehicle.rotors] == [9, 10, 11, 12]
     assert vehicle.hover_thrust == 0.31
-    assert [(r.orientation, r.target) for r in vehicle.rangefinders] == [(25, "ground"), (0, "wall")]
+    assert [(r.orientation, r.target) for r in vehicle.rangefinders] == [
+        (25, "ground"),
+        (0, "wall"),
+    ]
     assert vehicle.rangefinders[0].position_m == (0.0, 0.0, 0.04)
     vehicle = built(FRAMES["quad-x"], 0.32, parameters=ARDUPILOT, telemetered=False, voltage_v=15.5)
     assert [r.servo for r in vehicle.rotors] == [9, 10, 11, 12]
     t = vehicle.throttle
     x = ((0.6 - 1.0) + math.sqrt(0.16 + 4 * 0.6 * 0.31)) / 1.2
     u = 0.1 + 0.8 * x
-    assert 4 * t.max_thrust_n * ((1 - t.expo) * u + t.expo * u * u) == pytest.approx(3 * GRAVITY, rel=1e-3)
+    assert 4 * t.max_thrust_n * ((1 - t.expo) * u + t.expo * u * u) == pytest.approx(
+        3 * GRAVITY, rel=1e-3
+    )
 
 
 def test_px4_parameters_give_places_and_spins():
@@ -83,7 +106,9 @@ def test_px4_parameters_give_places_and_spins():
     for k, (x, y, km) in enumerate(places):
         given |= {f"CA_ROTOR{k}_PX": x, f"CA_ROTOR{k}_PY": y, f"CA_ROTOR{k}_KM": km}
     vehicle = built(*px4_motors(given), propeller_m=0.25, parameters=given)
-    assert [f.position_m[:2] for f in vehicle.fans] == [pytest.approx(p[:2], abs=1e-4) for p in places]
+    assert [f.position_m[:2] for f in vehicle.fans] == [
+        pytest.approx(p[:2], abs=1e-4) for p in places
+    ]
     assert [r.spin for r in vehicle.rotors] == [-1, -1, 1, 1]
     assert [r.esc for r in vehicle.rotors] == [1, 2, 3, 4]
     assert vehicle.hover_thrust == 0.45

@@ -87,7 +87,9 @@ def _hover(**changes: object) -> AirState:
     ],
 )
 def test_a_corner_wrench_turns_to_the_walls_bearing(bearing: float, expected: list[float]) -> None:
-    np.testing.assert_allclose(wrench.corner_to_body([1, 2, 3, 4, 5, 6], bearing), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        wrench.corner_to_body([1, 2, 3, 4, 5, 6], bearing), expected, atol=1e-12
+    )
 
 
 @settings(deadline=None)
@@ -95,7 +97,9 @@ def test_a_corner_wrench_turns_to_the_walls_bearing(bearing: float, expected: li
 def test_the_turn_is_a_rotation(bearing: float, seed: int) -> None:
     w = np.random.default_rng(seed).normal(size=(2, 6))
     body = wrench.corner_to_body(w, bearing)
-    np.testing.assert_allclose(np.linalg.norm(body[:, :3], axis=1), np.linalg.norm(w[:, :3], axis=1))
+    np.testing.assert_allclose(
+        np.linalg.norm(body[:, :3], axis=1), np.linalg.norm(w[:, :3], axis=1)
+    )
     cross = np.cross(w[0, :3], w[1, :3])
     turned = wrench.corner_to_body(np.concatenate([cross, cross]), bearing)[:3]
     np.testing.assert_allclose(np.cross(body[0, :3], body[1, :3]), turned, atol=1e-9)
@@ -113,7 +117,9 @@ def test_a_lift_ahead_of_the_cg_pitches_up() -> None:
 
 @settings(deadline=None)
 @given(roll=st.floats(-3, 3), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3, 3))
-def test_the_quaternion_of_euler_angles_is_their_rotation(roll: float, pitch: float, yaw: float) -> None:
+def test_the_quaternion_of_euler_angles_is_their_rotation(
+    roll: float, pitch: float, yaw: float
+) -> None:
     q = wrench.quaternion_from_euler(roll, pitch, yaw)
     rotation = wrench.rotation_from_quaternion(q)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -174,7 +180,9 @@ def test_the_contracts_vehicle_loads(tandem: Vehicle) -> None:
         ("[[vane]]", "limits = 3\n[[vane]]", "limits"),
     ],
 )
-def test_a_wrong_vehicle_file_is_refused_by_file_and_key(tmp_path: Path, old: str, new: str, key: str) -> None:
+def test_a_wrong_vehicle_file_is_refused_by_file_and_key(
+    tmp_path: Path, old: str, new: str, key: str
+) -> None:
     with pytest.raises(ConfigError) as error:
         _load(tmp_path, TANDEM.replace(old, new))
     message = str(error.value)
@@ -196,13 +204,17 @@ def test_files_that_are_no_vehicle_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_fans_one_speed_is_the_root_of_the_mean_square(tandem: Vehicle) -> None:
-    np.testing.assert_allclose(air.fan_rpm(tandem, [3000.0, 4000.0, 5000.0, 5000.0]), [np.sqrt(12.5e6), 5000.0])
+    np.testing.assert_allclose(
+        air.fan_rpm(tandem, [3000.0, 4000.0, 5000.0, 5000.0]), [np.sqrt(12.5e6), 5000.0]
+    )
 
 
 def test_the_tandem_hovers_in_free_air(tandem: Vehicle) -> None:
     w = air.modelled_wrench(tandem, models.load(), _hover())
     np.testing.assert_allclose(w, [0, 0, -4.6 * G, 0, 0, 0], atol=1e-6)
-    np.testing.assert_array_equal(air.disturbance_wrench(tandem, models.load(), _hover()), np.zeros(6))
+    np.testing.assert_array_equal(
+        air.disturbance_wrench(tandem, models.load(), _hover()), np.zeros(6)
+    )
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -223,9 +235,13 @@ def test_ground_lifts_and_the_lower_fan_more(tandem: Vehicle) -> None:
 
 
 def test_disturbance_is_the_difference_of_modelled_wrenches(tandem: Vehicle) -> None:
-    near = _hover(h_m=np.array([0.15, 0.2]), d_m=np.array([0.1, 0.2]), wall_bearing_rad=np.asarray(1.0))
+    near = _hover(
+        h_m=np.array([0.15, 0.2]), d_m=np.array([0.1, 0.2]), wall_bearing_rad=np.asarray(1.0)
+    )
     model = models.load()
-    difference = air.modelled_wrench(tandem, model, near) - air.modelled_wrench(tandem, model, _hover())
+    difference = air.modelled_wrench(tandem, model, near) - air.modelled_wrench(
+        tandem, model, _hover()
+    )
     np.testing.assert_allclose(air.disturbance_wrench(tandem, model, near), difference, atol=1e-9)
 
 
@@ -241,7 +257,9 @@ def test_a_record_is_its_instants(tandem: Vehicle) -> None:
     )
     whole = air.modelled_wrench(tandem, models.load(), record)
     for i in range(5):
-        np.testing.assert_allclose(air.modelled_wrench(tandem, models.load(), record.take(i)), whole[i], atol=1e-9)
+        np.testing.assert_allclose(
+            air.modelled_wrench(tandem, models.load(), record.take(i)), whole[i], atol=1e-9
+        )
 
 
 def test_a_deflected_vane_pushes_sideways_and_rolls(tandem: Vehicle) -> None:

@@ -66,11 +66,17 @@ def fly(vehicle: Vehicle, seconds: float = 40.0, height_m: float = 3.0) -> Motio
     return Motion(t, quaternion, rates, position, velocity, felt, speed)
 
 
-def logged(motion: Motion, vehicle: Vehicle, path: Path, *, outputs: bool = True, seed: int = 0) -> FlightLog:
+def logged(
+    motion: Motion, vehicle: Vehicle, path: Path, *, outputs: bool = True, seed: int = 0
+) -> FlightLog:
     """A log of it: IMU, attitude and position at 100 Hz, speeds at 50 Hz, ranges at 20 Hz, with noise."""
     rng = np.random.default_rng(seed)
     t = 10.0 + motion.t
-    force = motion.force + 0.05 * rng.standard_normal(motion.force.shape) + np.array([0.04, -0.03, 0.02])
+    force = (
+        motion.force
+        + 0.05 * rng.standard_normal(motion.force.shape)
+        + np.array([0.04, -0.03, 0.02])
+    )
     gyro = motion.rates + 0.005 * rng.standard_normal(motion.rates.shape)
     attitude = _unit(motion.quaternion + 2e-4 * rng.standard_normal(motion.quaternion.shape))
     velocity = motion.velocity + 0.01 * rng.standard_normal(motion.velocity.shape)
@@ -79,10 +85,14 @@ def logged(motion: Motion, vehicle: Vehicle, path: Path, *, outputs: bool = True
     hover = np.sqrt((motion.speed**2).mean())
     servo = np.full((len(t[every]), 16), np.nan)
     for k, rotor in enumerate(vehicle.rotors):
-        servo[:, (rotor.esc or rotor.servo or 1) - 1] = np.round(1000.0 + 450.0 * motion.speed[every, k] / hover)
+        servo[:, (rotor.esc or rotor.servo or 1) - 1] = np.round(
+            1000.0 + 450.0 * motion.speed[every, k] / hover
+        )
     slow = slice(None, None, int(RATE_HZ / RANGE_HZ))
     rotation = _matrices(motion.quaternion)
-    slant = -motion.position[slow, 2] / rotation[slow, 2, 2] + 0.01 * rng.standard_normal(len(t[slow]))
+    slant = -motion.position[slow, 2] / rotation[slow, 2, 2] + 0.01 * rng.standard_normal(
+        len(t[slow])
+    )
     direction = orientation_direction(25)
     assert direction is not None
     beam = Beam(

@@ -32,7 +32,9 @@ def test_an_effect_from_a_file_of_its_own_is_found_in_its_size() -> None:
     record = noise_record(11, 90.0, 0.3)
     effect = get("heading_pull")
     wrench = np.nan_to_num(effect.regressors(record.context, ())) @ np.array([0.08])
-    answer = summarise(walk([replace(record, residual=record.residual + wrench)], list(catalogue())))
+    answer = summarise(
+        walk([replace(record, residual=record.residual + wrench)], list(catalogue()))
+    )
     assert [f.effect.name for f in answer.found] == ["heading_pull"]
     (size,) = answer.found[0].estimates
     assert size.ci95[0] < 0.08 < size.ci95[1]

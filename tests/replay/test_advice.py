@@ -25,7 +25,14 @@ def log_of(name: str, autopilot: int = 3, **more) -> FlightLog:
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1))
     attitude = Series(T, upright)
     return FlightLog(
-        Path(name), 1, 0, 0.0, 40.0, autopilot=autopilot, vehicle_type=2, **({"attitude": attitude} | more)
+        Path(name),
+        1,
+        0,
+        0.0,
+        40.0,
+        autopilot=autopilot,
+        vehicle_type=2,
+        **({"attitude": attitude} | more),
     )
 
 
@@ -38,12 +45,20 @@ def why_not(act) -> str:
 @pytest.mark.parametrize(
     ("name", "imu", "attitude", "speeds", "outputs"),
     [
-        ("a.tlog", "HIGHRES_IMU, RAW_IMU or SCALED_IMU", "ATTITUDE", "ESC_TELEMETRY", "SERVO_OUTPUT_RAW"),
+        (
+            "a.tlog",
+            "HIGHRES_IMU, RAW_IMU or SCALED_IMU",
+            "ATTITUDE",
+            "ESC_TELEMETRY",
+            "SERVO_OUTPUT_RAW",
+        ),
         ("a.BIN", "no IMU", "no ATT:", "ESC or RPM", "RCOU"),
         ("a.ulg", "sensor_combined", "vehicle_attitude", "esc_status", "actuator_outputs"),
     ],
 )
-def test_what_is_missing_has_the_name_that_it_has_in_this_format(name, imu, attitude, speeds, outputs):
+def test_what_is_missing_has_the_name_that_it_has_in_this_format(
+    name, imu, attitude, speeds, outputs
+):
     vehicle = load_vehicle(QUAD)
     bare = log_of(name)
     refusals = [why_not(lambda: read_motion(bare, vehicle)), why_not(lambda: airframe(bare))]
@@ -57,7 +72,9 @@ def test_what_is_missing_has_the_name_that_it_has_in_this_format(name, imu, atti
         assert not [word for line in refusals for word in MAVLINK_ONLY if word in line]
 
 
-def test_missing_speeds_and_outputs_of_a_vehicle_file_have_the_names_of_the_format(tmp_path, capsys):
+def test_missing_speeds_and_outputs_of_a_vehicle_file_have_the_names_of_the_format(
+    tmp_path, capsys
+):
     (tmp_path / "a.BIN").write_bytes(bin_flight(40.0, outputs=False))
     assert main(["diagnose", str(tmp_path / "a.BIN"), "--vehicle", str(QUAD)]) == 3
     line = capsys.readouterr().err
@@ -79,7 +96,8 @@ def advice(log: FlightLog, question: str) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("name", "autopilot"), [("a.tlog", 3), ("a.BIN", 3), ("a.ulg", 12), ("b.tlog", 12), ("c.tlog", 0)]
+    ("name", "autopilot"),
+    [("a.tlog", 3), ("a.BIN", 3), ("a.ulg", 12), ("b.tlog", 12), ("c.tlog", 0)],
 )
 def test_advice_for_a_range_names_the_direction_that_is_asked_about(name, autopilot):
     log = log_of(name, autopilot)
@@ -112,7 +130,10 @@ def test_stream_rates_have_the_names_of_the_firmware(known, old, new):
 @pytest.mark.parametrize(
     ("known", "words"),
     [
-        ({"texts": ((0.0, 6, "APM:Copter V3.3.3 (acf16c4e)"),)}, "ArduCopter 3.3 has no GUID_OPTIONS"),
+        (
+            {"texts": ((0.0, 6, "APM:Copter V3.3.3 (acf16c4e)"),)},
+            "ArduCopter 3.3 has no GUID_OPTIONS",
+        ),
         ({"texts": ((0.0, 6, "ArduCopter V4.0.7"),)}, "ArduCopter 4.0 has no GUID_OPTIONS"),
         ({"parameters": {"FRAME": 1.0}}, "ArduCopter before 3.5 has no GUID_OPTIONS"),
     ],

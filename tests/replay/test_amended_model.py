@@ -13,9 +13,16 @@ from models.errors import ModelError
 from models.surrogate.store import load, save_model
 from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words
-from replay.search.results import IntervalEstimate
+from replay.search.estimates import IntervalEstimate
 
-WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
+WIND = {
+    "north": 3.0,
+    "east": -1.0,
+    "own_motion": 0.4,
+    "turning": 0.0,
+    "sinking": 0.1,
+    "above_radii": 0.5,
+}
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
 
 
@@ -33,10 +40,16 @@ def saved(tmp_path: Path, log: Path, *effects: AdoptedEffect):
 
 def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Path) -> None:
     payload = AdoptedEffect("payload", {"mass": 0.4, "from_s": 12.0})
-    model = saved(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
+    model = saved(
+        tmp_path,
+        log,
+        AdoptedEffect("wind", WIND),
+        payload,
+        AdoptedEffect("vertical_inflow", INFLOW),
+    )
     effects = {e.name: e.parameters for e in model.effects}
     assert effects == {
-        "wind": WIND | {"north": 0.0, "east": 0.0},
+        "rotor_drag": {"drag": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5},
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
     of_day = model.info["of_day"]
@@ -58,11 +71,16 @@ def test_the_model_knows_the_logs_that_it_was_made_from(tmp_path: Path, log: Pat
 
 def test_every_effect_says_what_is_kept_of_it() -> None:
     kept = {e.name: e.kept for e in catalogue()}
-    assert [name for name, k in kept.items() if not k] == ["air_density", "payload", "slung_load", "wind"]
+    assert [name for name, k in kept.items() if not k] == [
+        "air_density",
+        "payload",
+        "slung_load",
+        "wind",
+    ]
     for e in catalogue():
         assert kept_words(e).startswith("kept" if e.kept else "not kept")
         assert e.kept == (not e.belongs_to.of_day)
-    assert "keeps own motion, turning and sinking" in kept_words(get("wind"))
+    assert "keeps what of it is the vehicle's, as rotor drag" in kept_words(get("wind"))
     assert "north and east" in kept_words(get("vertical_inflow"))
     assert get("imu_bias").belongs_to is BelongsTo.INSTRUMENT
 
@@ -78,15 +96,19 @@ def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_bef
     assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
 
 
-def test_drag_that_was_found_in_one_wind_is_adopted_by_half() -> None:
+def test_drag_that_was_found_in_a_strong_wind_is_adopted_by_half() -> None:
     vehicle = default_vehicle()
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
     found = [IntervalEstimate(name, value, (value, value), "1") for name, value in WIND.items()]
-    one, two = (to_adopt(get("wind"), found, context, one_wind=alone).parameters for alone in (True, False))
+    one, two = (
+        to_adopt(get("wind"), found, context, doubt=doubt).parameters for doubt in (0.5, 0.0)
+    )
     assert two["own_motion"] == pytest.approx(0.4)
     assert one["own_motion"] == pytest.approx(0.2)
     scale = [IntervalEstimate("scale", 0.1, (0.1, 0.1), "1")]
-    assert to_adopt(get("thrust_scale"), scale, context, one_wind=True).parameters["scale"] == pytest.approx(0.1)
+    assert to_adopt(get("thrust_scale"), scale, context, doubt=0.5).parameters[
+        "scale"
+    ] == pytest.approx(0.1)
 
 
 def test_axes_on_which_an_effect_does_not_act_are_kept(tmp_path: Path, log: Path) -> None:
@@ -98,10 +120,18 @@ def test_axes_on_which_an_effect_does_not_act_are_kept(tmp_path: Path, log: Path
         load(tmp_path / "m")
 
 
-def test_the_map_of_ground_and_wall_is_in_the_radii_of_the_vehicle_where_a_model_names_no_fan() -> None:
+def test_the_map_of_ground_and_wall_is_in_the_radii_of_the_vehicle_where_a_model_names_no_fan() -> (
+    None
+):
     law = get("surface_law")
-    size = dict.fromkeys([c.name for c in law.coefficients], 0.02) | dict.fromkeys([s.name for s in law.shapes], 1.0)
+    size = dict.fromkeys([c.name for c in law.coefficients], 0.02) | dict.fromkeys(
+        [s.name for s in law.shapes], 1.0
+    )
     found, bare = AdoptedEffect(law.name, size), load()
-    nameless = bare.with_effects((), {key: value for key, value in bare.info.items() if key != "fan"})
+    nameless = bare.with_effects(
+        (), {key: value for key, value in bare.info.items() if key != "fan"}
+    )
     model = amended(nameless, default_vehicle(), [found])
-    assert model.wrench(0.2, 0.1, 4000.0) == pytest.approx(bare.with_effects((found,)).wrench(0.2, 0.1, 4000.0))
+    assert model.wrench(0.2, 0.1, 4000.0) == pytest.approx(
+        bare.with_effects((found,)).wrench(0.2, 0.1, 4000.0)
+    )

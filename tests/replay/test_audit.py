@@ -23,11 +23,15 @@ def record(path: Path, *, mode: int = 4, own: bool = True) -> Path:
 
         for ms in range(10_000, 11_000, 20):
             write(ms, mavlink.MAVLink_heartbeat_message(2, 3, 128, mode, 4, 3).pack(vehicle))
-            attitude = mavlink.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            attitude = mavlink.MAVLink_attitude_quaternion_message(
+                ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            )
             write(ms, attitude.pack(vehicle))
             if own:
                 _, payload = encode(AttitudeCommand(ms / 1000.0, (0.8, 0.6, 0.0, 0.0), 0.5), 1)
-                message = mavlink.MAVLink_set_attitude_target_message(ms, 1, 1, 7, [0.8, 0.6, 0.0, 0.0], 0, 0, 0, 0.5)
+                message = mavlink.MAVLink_set_attitude_target_message(
+                    ms, 1, 1, 7, [0.8, 0.6, 0.0, 0.0], 0, 0, 0, 0.5
+                )
                 assert message.pack(companion)[10:-2].rstrip(b"\0") == payload.rstrip(b"\0")
                 write(ms, message.pack(companion))
     return path

@@ -22,7 +22,11 @@ def tlog_bytes() -> bytes:
     return b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in flight(4.0))
 
 
-CONTENT: dict[str, Callable[[], bytes]] = {".tlog": tlog_bytes, ".bin": bin_flight, ".ulg": ulg_flight}
+CONTENT: dict[str, Callable[[], bytes]] = {
+    ".tlog": tlog_bytes,
+    ".bin": bin_flight,
+    ".ulg": ulg_flight,
+}
 every_format = pytest.mark.parametrize("suffix", sorted(CONTENT))
 
 
@@ -65,7 +69,9 @@ def test_two_logs_joined_give_at_least_the_first(suffix, tmp_path, capsys):
     code, answer, errors = ask(path, capsys)
     assert (code, errors) == (0, [])
     assert answer["boots"][0]["duration_s"] > 3.0
-    assert all(boot["duration_s"] < 10.0 for boot in answer["boots"]), "no time is invented between them"
+    assert all(boot["duration_s"] < 10.0 for boot in answer["boots"]), (
+        "no time is invented between them"
+    )
 
 
 def test_receiver_stamps_of_the_year_2793(tmp_path, capsys):

@@ -75,7 +75,9 @@ def refused(log: FlightLog, vehicle: Vehicle) -> str:
 
 
 @pytest.mark.parametrize("run", RUNS)
-def test_a_vehicle_that_is_tied_down_did_not_fly(flown: Motion, vehicle: Vehicle, run: object) -> None:
+def test_a_vehicle_that_is_tied_down_did_not_fly(
+    flown: Motion, vehicle: Vehicle, run: object
+) -> None:
     log = bench(flown, vehicle, run)
     assert NOT_FLOWN in refused(log, vehicle)
 
@@ -94,7 +96,9 @@ def test_a_stand_that_shakes(flown: Motion, vehicle: Vehicle, run: object) -> No
     imu = log.imus[0]
     force = imu.specific_force
     shaken = Series(force.t_s, force.values + 3.0 * rng.standard_normal(force.values.shape))
-    turned = Series(imu.gyro.t_s, imu.gyro.values + 0.1 * rng.standard_normal(imu.gyro.values.shape))
+    turned = Series(
+        imu.gyro.t_s, imu.gyro.values + 0.1 * rng.standard_normal(imu.gyro.values.shape)
+    )
     noisy = replace(imu, specific_force=shaken, gyro=turned)
     assert NOT_FLOWN in refused(replace(log, imus=(noisy,)), vehicle)
 
@@ -106,7 +110,9 @@ def test_a_position_that_drifts_is_no_flight(flown: Motion, vehicle: Vehicle) ->
     t = log.position.t_s - log.start_s
     drift = np.stack([2.0 * np.sin(0.1 * t), np.cos(0.15 * t), 1.5 * np.sin(0.07 * t)], axis=1)
     speed = np.gradient(drift, t, axis=0)
-    moved = replace(log, position=Series(log.position.t_s, drift), velocity=Series(log.velocity.t_s, speed))
+    moved = replace(
+        log, position=Series(log.position.t_s, drift), velocity=Series(log.velocity.t_s, speed)
+    )
     assert NOT_FLOWN in refused(moved, vehicle)
 
 
@@ -180,7 +186,12 @@ def written(path: Path, low_us: float, high_us: float) -> None:
     w.kind("RCOU", "QHHHH", "TimeUS,C1,C2,C3,C4")
     w.kind("PARM", "QNf", "TimeUS,Name,Value")
     w.kind("EV", "QB", "TimeUS,Id")
-    parameters = {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0, "MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}
+    parameters = {
+        "FRAME_CLASS": 1.0,
+        "FRAME_TYPE": 1.0,
+        "MOT_PWM_MIN": 1000.0,
+        "MOT_PWM_MAX": 2000.0,
+    }
     for name, value in parameters.items():
         w.row("PARM", 10_000_000, name, value)
     w.row("EV", 10_000_000, 10)
@@ -189,7 +200,9 @@ def written(path: Path, low_us: float, high_us: float) -> None:
         us = 10_000_000 + 20_000 * k
         noise = 0.6 * rng.standard_normal(3)
         w.row("ATT", us, 0.0, 0.1, 0.0, 1.3, 0.0, 28.6)
-        w.row("IMU", us, 0, *(0.02 * rng.standard_normal(3)), noise[0], noise[1], noise[2] - GRAVITY)
+        w.row(
+            "IMU", us, 0, *(0.02 * rng.standard_normal(3)), noise[0], noise[1], noise[2] - GRAVITY
+        )
         spun = 500 <= k < 1400
         middle = (low_us + high_us) / 2.0
         output = middle + (high_us - low_us) / 2.0 * np.sin(0.02 * k)
@@ -200,7 +213,9 @@ def written(path: Path, low_us: float, high_us: float) -> None:
 
 
 @pytest.mark.parametrize("outputs", [(1190.0, 1250.0), (1400.0, 1700.0), (1500.0, 1500.0)])
-def test_no_vehicle_is_drafted_from_a_bench_run(tmp_path: Path, outputs: tuple[float, float]) -> None:
+def test_no_vehicle_is_drafted_from_a_bench_run(
+    tmp_path: Path, outputs: tuple[float, float]
+) -> None:
     path = tmp_path / "bench.bin"
     written(path, *outputs)
     with pytest.raises(LogError, match="did not fly"):

@@ -25,7 +25,9 @@ def _write(folder: Path, until: float) -> None:
 @pytest.mark.slow
 def test_a_folder_that_is_still_written_to_is_removed_once_the_writer_ends(tmp_path):
     folder = tmp_path / "home"
-    writers = [threading.Thread(target=_write, args=(folder, time.monotonic() + 0.5)) for _ in range(2)]
+    writers = [
+        threading.Thread(target=_write, args=(folder, time.monotonic() + 0.5)) for _ in range(2)
+    ]
     for writer in writers:
         writer.start()
     time.sleep(0.1)

@@ -107,7 +107,9 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
     return code, lines[0]
 
 
-def test_bad_input_is_one_line_with_its_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line_with_its_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     empty, other = tmp_path / "empty.tlog", tmp_path / "other.tlog"
     empty.write_bytes(b"")
     other.write_bytes(b"\0")
@@ -127,7 +129,15 @@ def test_a_cut_blade_is_found_against_healthy_flights(shared_data: Path, tmp_pat
     if not folder.is_dir():
         pytest.skip("no measured flights")
     good = [str(folder / f"E8_normal_{day}.tlog") for day in "bc"]
-    command = ["--vehicle", str(folder / "E8.toml"), "--model", "none", "--quiet", "--json", str(tmp_path / "a.json")]
+    command = [
+        "--vehicle",
+        str(folder / "E8.toml"),
+        "--model",
+        "none",
+        "--quiet",
+        "--json",
+        str(tmp_path / "a.json"),
+    ]
     cut = folder / "E8_cut_M3_4mm_3.5mm_39.5mm.tlog"
     assert main(["diagnose", str(cut), "--since", *good, *command]) == 0
     first = json.loads((tmp_path / "a.json").read_text())["changed"][0]

@@ -47,7 +47,9 @@ def named(record: Record) -> set[str]:
 
 
 @pytest.mark.parametrize("kind", ["none", "mirrored", "corner_cfd"])
-def test_a_model_amended_by_one_flight_removes_the_error_of_the_next(world: World, kind: str) -> None:
+def test_a_model_amended_by_one_flight_removes_the_error_of_the_next(
+    world: World, kind: str
+) -> None:
     off, free = (world.flight(leg, JUDGE, "none")[0] for leg in (Leg.OFF, Leg.FREE))
     model = declared(kind, world.vehicle, world.keep)
     on = world.flight(Leg.ON, JUDGE, world.amended(kind, model, [LEARN]))[0]
@@ -65,8 +67,12 @@ def test_the_map_takes_back_what_a_wrong_model_says(world: World) -> None:
         model, level = choose(world.vehicle, directory).model, blank_state((), 2, 4)
         down = []
         for h_m in (1.3 * radius, np.inf):
-            state = replace(level, rpm=np.full(4, 4000.0), h_m=np.full(2, h_m), servo_us=np.full(16, 1500.0))
-            named = adopted_wrench(model.effects, Context(state, world.vehicle, model), in_flight=True)
+            state = replace(
+                level, rpm=np.full(4, 4000.0), h_m=np.full(2, h_m), servo_us=np.full(16, 1500.0)
+            )
+            named = adopted_wrench(
+                model.effects, Context(state, world.vehicle, model), in_flight=True
+            )
             down.append((modelled_wrench(world.vehicle, model, state) + named)[2])
         return float(down[0] / down[1] - 1.0)
 
@@ -80,7 +86,9 @@ def far_away(values: Array) -> Array:
 
 def test_a_flight_that_never_came_near_a_surface_makes_no_map_and_says_why(record: Record) -> None:
     state = record.context.state
-    context = replace(record.context, state=replace(state, h_m=far_away(state.h_m), d_m=far_away(state.d_m)))
+    context = replace(
+        record.context, state=replace(state, h_m=far_away(state.h_m), d_m=far_away(state.d_m))
+    )
     answer = conclude([replace(record, context=context)])
     assert not {"surface_law", "corner_effect"} & {n.effect.name for n in answer.found}
     reason = {r.name: r.reason for r in answer.rejected}

@@ -29,7 +29,13 @@ def read(path: Path, data: bytes, name: str = "flight.BIN") -> FlightLog:
 
 @pytest.mark.parametrize(
     ("message", "prefix", "count"),
-    [("RCOU", "C", 14), ("RCOU", "Ch", 8), ("RCOU", "Chan", 8), ("MOT", "Mot", 4), ("MOT", "Mot", 8)],
+    [
+        ("RCOU", "C", 14),
+        ("RCOU", "Ch", 8),
+        ("RCOU", "Chan", 8),
+        ("MOT", "Mot", 4),
+        ("MOT", "Mot", 8),
+    ],
 )
 def test_outputs_of_every_version(message, prefix, count, tmp_path):
     """Chan1 to ArduCopter 3.2, Ch1 and C1 since; MOT, without a stamp, to 3.0."""
@@ -76,7 +82,9 @@ def test_a_log_whose_only_clock_is_that_of_gps(gps_time, tmp_path):
     assert log.duration_s == pytest.approx(9.8, abs=0.05)
     assert log.attitude is not None
     assert log.attitude.rate_hz == pytest.approx(50.0, rel=0.1)
-    assert log.attitude.values[0] == pytest.approx(quaternion_from_euler(*np.radians((2.0, -1.0, 90.0))))
+    assert log.attitude.values[0] == pytest.approx(
+        quaternion_from_euler(*np.radians((2.0, -1.0, 90.0)))
+    )
     assert log.battery is not None
     assert log.battery.values[0] == pytest.approx([16.2, 12.0])
     assert log.thrust_command is not None
@@ -125,12 +133,18 @@ def force(log: FlightLog) -> np.ndarray:
     ("formats", "columns", "after"),
     [
         ("QBfffffff", f"{IMU[1]},T", (*NUMBERS, 40.0)),
-        ("QfffffffB", "TimeUS,AccX,AccY,AccZ,GyrX,GyrY,GyrZ,T,I", (0.1, 0.2, -9.8, 0.01, 0.02, 0.03, 40.0, 0)),
+        (
+            "QfffffffB",
+            "TimeUS,AccX,AccY,AccZ,GyrX,GyrY,GyrZ,T,I",
+            (0.1, 0.2, -9.8, 0.01, 0.02, 0.03, 40.0, 0),
+        ),
         ("Qhhhccc", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", (0, 0, 0, 10, 20, -980)),
     ],
     ids=["a field more", "another order", "hundredths"],
 )
-def test_a_message_that_is_declared_anew_follows_the_new_declaration(formats, columns, after, tmp_path):
+def test_a_message_that_is_declared_anew_follows_the_new_declaration(
+    formats, columns, after, tmp_path
+):
     log = read(tmp_path, with_imu_anew(lambda w: w.kind("IMU", formats, columns), after))
     assert len(force(log)) == 200
     assert np.allclose(force(log), (0.1, 0.2, -9.8))
@@ -231,7 +245,16 @@ def with_units(w: BinWriter, units: dict[int, tuple[str, str]]) -> None:
     w.kind("UNIT", "QbZ", "TimeUS,Id,Label")
     w.kind("MULT", "Qbd", "TimeUS,Id,Mult")
     w.kind("FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
-    labels = {"s": "s", "v": "V", "A": "A", "E": "rad/s", "k": "deg/s", "o": "m/s/s", "#": "instance", "d": "deg"}
+    labels = {
+        "s": "s",
+        "v": "V",
+        "A": "A",
+        "E": "rad/s",
+        "k": "deg/s",
+        "o": "m/s/s",
+        "#": "instance",
+        "d": "deg",
+    }
     for sign, label in labels.items():
         w.row("UNIT", 0, ord(sign), label)
     for sign, number in {"-": 0.0, "?": 1.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F": 1e-6}.items():
@@ -246,14 +269,18 @@ def test_declared_units_and_multipliers_are_used(tmp_path):
     w.kind("ATT", "QccccCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     w.kind("IMU", *IMU)
     w.kind("BAT", "QBHf", "TimeUS,Inst,Volt,Curr")
-    with_units(w, {130: ("sdddddd", "FBBBBBB"), 131: ("s#kkkooo", "F-000000"), 132: ("s#vA", "F-C0")})
+    with_units(
+        w, {130: ("sdddddd", "FBBBBBB"), 131: ("s#kkkooo", "F-000000"), 132: ("s#vA", "F-C0")}
+    )
     for k in range(100):
         us = START_US + 20_000 * k
         w.row("ATT", us, 0, 200, 0, -100, 0, 9000)
         w.row("IMU", us, 0, 10.0, 20.0, 30.0, 0.1, 0.2, -9.8)
         w.row("BAT", us, 0, 16_200, 12.0)
     log = read(tmp_path, w.bytes())
-    assert log.attitude.values[0] == pytest.approx(quaternion_from_euler(*np.radians((2.0, -1.0, 90.0))))
+    assert log.attitude.values[0] == pytest.approx(
+        quaternion_from_euler(*np.radians((2.0, -1.0, 90.0)))
+    )
     assert np.degrees(log.imus[0].gyro.values[0]) == pytest.approx([10.0, 20.0, 30.0])
     assert force(log)[0] == pytest.approx([0.1, 0.2, -9.8])
     assert log.battery.values[0] == pytest.approx([16.2, 12.0])
@@ -348,7 +375,9 @@ def test_hundredths_mode_names_and_texts_with_commas(tmp_path):
     for k in range(100):
         w.row("ATT", 10_000 + 20 * k, 0, 200, 0, -100, 0, 9000)
     log = read(tmp_path, w.bytes(), "flight.log")
-    assert log.attitude.values[0] == pytest.approx(quaternion_from_euler(*np.radians((2.0, -1.0, 90.0))))
+    assert log.attitude.values[0] == pytest.approx(
+        quaternion_from_euler(*np.radians((2.0, -1.0, 90.0)))
+    )
     assert [text for *_, text in log.texts] == ["ArduCopter V3.2, frame: QUAD, ready"]
     assert [interval.value for interval in log.modes] == [2]
 
@@ -357,8 +386,14 @@ def test_a_cut_last_line_and_lines_that_fit_nothing_are_said(tmp_path):
     data = b"ArduCopter V3.1.3\r\nFree RAM: 1331\r\n" + bin_flight(writer=TextWriter())[:-9]
     log = read(tmp_path, data + b"\r\nXYZ, 1, 2\r\nIMU, what, is, this\r\n", "flight.log")
     assert len(log.attitude) == 200
-    assert any(note.startswith("2 lines not read: they do not fit their FMT line") for note in log.summary.notes)
-    assert any(note.startswith("1 lines not read: they have no FMT line (XYZ)") for note in log.summary.notes)
+    assert any(
+        note.startswith("2 lines not read: they do not fit their FMT line")
+        for note in log.summary.notes
+    )
+    assert any(
+        note.startswith("1 lines not read: they have no FMT line (XYZ)")
+        for note in log.summary.notes
+    )
 
 
 def test_two_logs_as_text_in_one_file_are_two_flights(tmp_path):
@@ -377,7 +412,9 @@ def test_two_logs_as_text_in_one_file_are_two_flights(tmp_path):
 )
 def test_text_that_is_no_dataflash_log_is_one_line(text, tmp_path):
     (tmp_path / "flight.log").write_text(text)
-    with pytest.raises(LogError, match=r"it is text, but no dataflash log .* give the \.BIN") as caught:
+    with pytest.raises(
+        LogError, match=r"it is text, but no dataflash log .* give the \.BIN"
+    ) as caught:
         load(tmp_path / "flight.log")
     assert "\n" not in str(caught.value)
 

@@ -19,7 +19,9 @@ from log_writers import QUAD_MASS_KG, frame, quad_flight, write_tlog
 
 from companion.mavlink.dialect import mavlink
 
-testclient = pytest.importorskip("starlette.testclient", reason="starlette is not installed (extra: serve)")
+testclient = pytest.importorskip(
+    "starlette.testclient", reason="starlette is not installed (extra: serve)"
+)
 
 from replay.cli import main  # noqa: E402
 from replay.desk.app import app  # noqa: E402
@@ -104,7 +106,9 @@ def test_a_log_is_dropped_answered_corrected_and_answered_again(working, flown):
     assert facts["rotor_radius_m"] == pytest.approx(11 * 0.0127)
     assert f'value="{QUAD_MASS_KG}"' in text
     file = Path(told(working, page, 2)["logs"][0]).parents[1]
-    edited = (file / "asks" / "2" / "vehicle.toml").read_text().replace("mass_kg = 3.0", "mass_kg = 3.5")
+    edited = (
+        (file / "asks" / "2" / "vehicle.toml").read_text().replace("mass_kg = 3.0", "mass_kg = 3.5")
+    )
     answer(working, page, kind="missing", edited="yes", vehicle=edited)
     assert "vehicle" not in told(working, page, 3)
     text = answer(working, page, kind="missing", edited="yes", vehicle="mass_kg = 'heavy'")
@@ -113,7 +117,9 @@ def test_a_log_is_dropped_answered_corrected_and_answered_again(working, flown):
 
 
 @pytest.mark.slow
-def test_a_season_has_a_row_for_a_broken_log_and_what_changed_is_asked_of_good_ones(working, flown, tmp_path):
+def test_a_season_has_a_row_for_a_broken_log_and_what_changed_is_asked_of_good_ones(
+    working, flown, tmp_path
+):
     heavy = write_tlog(tmp_path / "b.tlog", quad_flight(60.0, mass_kg=1.3 * QUAD_MASS_KG, seed=2))
     long = write_tlog(tmp_path / "c.tlog", quad_flight(60.0, seed=3))
     page = drop(working, monday=long, tuesday=heavy, broken=b"\x00" * 5000)
@@ -133,7 +139,11 @@ def test_a_season_has_a_row_for_a_broken_log_and_what_changed_is_asked_of_good_o
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), [(10, "rover"), (4, "helicopter"), (1, "aeroplane")])
 def test_what_is_no_multirotor_is_said(working, tmp_path, kind, name):
-    text = answer(working, drop(working, x=write_tlog(tmp_path / "x", quad_flight(5.0, kind=kind))), kind="missing")
+    text = answer(
+        working,
+        drop(working, x=write_tlog(tmp_path / "x", quad_flight(5.0, kind=kind))),
+        kind="missing",
+    )
     assert f"is a {name}" in text.replace("an aero", "a aero")
     assert "only multirotors are drafted" in text
 
@@ -141,8 +151,13 @@ def test_what_is_no_multirotor_is_said(working, tmp_path, kind, name):
 def framed(path: Path, kind: int) -> bytes:
     """A log that says its FRAME_TYPE."""
     flown, names = quad_flight(20.0), (("FRAME_CLASS", 1.0), ("FRAME_TYPE", float(kind)))
-    said = [mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, k) for k, (name, value) in enumerate(names)]
-    return write_tlog(path, [*flown, *((flown[-1][0] + 1 + k, frame(message)) for k, message in enumerate(said))])
+    said = [
+        mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, k)
+        for k, (name, value) in enumerate(names)
+    ]
+    return write_tlog(
+        path, [*flown, *((flown[-1][0] + 1 + k, frame(message)) for k, message in enumerate(said))]
+    )
 
 
 @pytest.mark.slow
@@ -201,14 +216,23 @@ def test_a_name_is_never_a_path(name, kept):
 
 def test_a_path_in_a_name_lands_among_the_logs(idle, desk, flown):
     page = drop(idle)
-    assert idle.put(f"{page}/logs/..%2F..%2F..%2Fevil.tlog", content=flown).json() == {"log": "evil.tlog"}
+    assert idle.put(f"{page}/logs/..%2F..%2F..%2Fevil.tlog", content=flown).json() == {
+        "log": "evil.tlog"
+    }
     assert [p.name for p in desk.folder.rglob("*.tlog")] == ["evil.tlog"]
     (held,) = desk.drops
     assert held.logs[0].parent == held.folder / "logs"
 
 
 @pytest.mark.parametrize(
-    "path", ["/drops/..", "/drops/%2e%2e%2f", "/files/%2e%2e/secret", "/files/..%2f..%2fsecret", "/static/..%2fapp.py"]
+    "path",
+    [
+        "/drops/..",
+        "/drops/%2e%2e%2f",
+        "/files/%2e%2e/secret",
+        "/files/..%2f..%2fsecret",
+        "/static/..%2fapp.py",
+    ],
 )
 def test_nothing_beside_the_folder_is_served(idle, desk, path):
     (desk.folder.parent / "secret").write_text("secret")
@@ -244,7 +268,8 @@ def test_pages_ask_for_nothing_from_elsewhere(idle, flown):
 
 
 @pytest.mark.parametrize(
-    ("name", "word"), [("notes.txt", "is no log"), ("a.tlog.gz", "is no log"), ("tlog", "is no log")]
+    ("name", "word"),
+    [("notes.txt", "is no log"), ("a.tlog.gz", "is no log"), ("tlog", "is no log")],
 )
 def test_what_is_no_log_is_refused_in_one_line(idle, name, word):
     reply = idle.put(f"{drop(idle)}/logs/{name}", content=b"x")
@@ -313,7 +338,13 @@ def test_what_is_typed_is_never_an_option_of_its_own(desk, flown):
     held = desk.new_drop()
     (held.folder / "logs" / "a.tlog").write_bytes(flown)
     question = Question.of(
-        [("kind", "missing"), ("mass_kg", "--json /x"), ("position_m", "1 --report /x"), ("seed", "3")], held
+        [
+            ("kind", "missing"),
+            ("mass_kg", "--json /x"),
+            ("position_m", "1 --report /x"),
+            ("seed", "3"),
+        ],
+        held,
     )
     command = question.command(held, question.written(held))
     assert "--mass=--json /x" in command
@@ -343,7 +374,11 @@ def test_how_a_diagnosis_failed_is_said_in_words(said, code, line):
 
 @pytest.mark.parametrize(
     ("arguments", "word"),
-    [(["nonsense"], "[HOST]:PORT"), ([":0", "--folder", "{file}"], "--folder"), (["{port}"], "name another")],
+    [
+        (["nonsense"], "[HOST]:PORT"),
+        ([":0", "--folder", "{file}"], "--folder"),
+        (["{port}"], "name another"),
+    ],
 )
 def test_a_wrong_start_is_one_line(tmp_path, capsys, arguments, word):
     (tmp_path / "file").write_text("x")
@@ -396,7 +431,11 @@ def test_a_browser_drops_two_logs_and_reads_the_answer(served, flown, tmp_path):
         until(browser, "document.getElementById('answer')")
         assert browser.value("document.documentElement.scrollWidth") <= PHONE[0]
         assert "s in the air; can be judged: " in browser.value("document.body.innerText")
-        messages = [e for e in browser._events if e.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded")]
+        messages = [
+            e
+            for e in browser._events
+            if e.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded")
+        ]
         assert [m for m in messages if "415" not in json.dumps(m)] == []
 
 

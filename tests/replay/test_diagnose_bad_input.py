@@ -56,7 +56,13 @@ def ask(tmp_path, capsys):
                 write_tlog(tmp_path / name, content)
         target = tmp_path / "answer.json"
         target.unlink(missing_ok=True)
-        arguments = [*(str(tmp_path / name) for name in logs), "--vehicle", str(vehicle), "--model", "none"]
+        arguments = [
+            *(str(tmp_path / name) for name in logs),
+            "--vehicle",
+            str(vehicle),
+            "--model",
+            "none",
+        ]
         code = main(["diagnose", *arguments, "--json", str(target), "--quiet", *options])
         lines = capsys.readouterr().err.splitlines()
         assert "Traceback" not in "".join(lines)
@@ -106,7 +112,9 @@ def test_no_rotor_speeds_is_refused_and_names_the_way_by_servo_outputs(ask, tmp_
     assert told.answer["verdict"] == "nothing_missing"
     assert set(told.answer["axes"]) == {"Fx", "Fy", "Fz"}
     assert any("copies of one number" in f["what"] for f in told.answer["log_faults"])
-    refused(ask({"b.tlog": quad_flight(servo=False)}, vehicle=vehicle), "b.tlog", "SERVO_OUTPUT_RAW")
+    refused(
+        ask({"b.tlog": quad_flight(servo=False)}, vehicle=vehicle), "b.tlog", "SERVO_OUTPUT_RAW"
+    )
 
 
 def test_twenty_seconds_are_answered_six_are_not(ask):
@@ -166,7 +174,12 @@ def test_of_two_vehicles_that_fly_the_option_to_choose_is_named(ask):
     told = ask({"a.tlog": both}, "--target-system", "7")
     assert told.names <= THRUST_TO_MASS
     assert told.names
-    refused(ask({"a.tlog": both}, "--target-system", "9"), "a.tlog", "no vehicle with system id 9", "1, 7")
+    refused(
+        ask({"a.tlog": both}, "--target-system", "9"),
+        "a.tlog",
+        "no vehicle with system id 9",
+        "1, 7",
+    )
 
 
 @pytest.mark.slow
@@ -216,7 +229,9 @@ def test_what_is_no_log_is_refused_in_one_line(ask, name, content, words):
 
 def test_a_bad_log_among_good_ones_is_left_out_and_named(ask):
     good = {"a.tlog": quad_flight(), "b.tlog": quad_flight(seed=2)}
-    told = ask({"empty.tlog": b"", **good, "blind.tlog": quad_flight(imu=False), "text.csv": b"a,b\n"})
+    told = ask(
+        {"empty.tlog": b"", **good, "blind.tlog": quad_flight(imu=False), "text.csv": b"a,b\n"}
+    )
     assert (told.code, told.lines) == (0, [])
     assert [Path(p).name for p in told.answer["logs"]] == ["a.tlog", "b.tlog"]
     for name in ("empty.tlog", "blind.tlog", "text.csv"):
@@ -254,7 +269,9 @@ def test_numbers_that_are_none_are_left_out(ask):
         ("ct = 0.0140", "", "ct"),
     ],
 )
-def test_a_wrong_vehicle_file_is_refused_by_the_name_of_its_key(ask, tmp_path, line, instead, words):
+def test_a_wrong_vehicle_file_is_refused_by_the_name_of_its_key(
+    ask, tmp_path, line, instead, words
+):
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text(QUAD.read_text().replace(line, instead))
     told = ask({"a.tlog": b""}, vehicle=vehicle)
@@ -278,7 +295,11 @@ def test_a_model_that_is_none_is_refused_before_any_log_is_read(ask, tmp_path):
 
 def test_a_place_that_cannot_be_written_is_refused_before_any_log_is_read(ask, tmp_path):
     (tmp_path / "taken").write_text("")
-    folder, file, absent = str(tmp_path), str(tmp_path / "taken"), str(tmp_path / "absent" / "a.json")
+    folder, file, absent = (
+        str(tmp_path),
+        str(tmp_path / "taken"),
+        str(tmp_path / "absent" / "a.json"),
+    )
     for option, target in (
         ("--json", folder),
         ("--json", absent),
@@ -327,7 +348,10 @@ def test_one_flight_gives_a_candidate_two_confirm_it_and_their_numbers_are_poole
 @pytest.mark.slow
 def test_the_same_logs_with_the_amended_model_lack_nothing(ask, tmp_path):
     """Diagnose, adopt, diagnose: a fixed point, with one name for what thrust and mass have in common."""
-    logs = {"one.tlog": quad_flight(30.0, mass_kg=3.3), "other.tlog": quad_flight(60.0, mass_kg=3.3, seed=3)}
+    logs = {
+        "one.tlog": quad_flight(30.0, mass_kg=3.3),
+        "other.tlog": quad_flight(60.0, mass_kg=3.3, seed=3),
+    }
     first = ask(logs, "--save-model", str(tmp_path / "amended")).answer
     assert len(first["effects"]) == 1
     again = ask(logs, "--model", str(tmp_path / "amended")).answer
@@ -353,13 +377,33 @@ def test_a_model_of_another_fan_is_said_first(ask):
 def test_without_a_name_such_a_vehicle_is_diagnosed_without_model(tmp_path, capsys):
     write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
     target = tmp_path / "answer.json"
-    arguments = ["diagnose", str(tmp_path / "a.tlog"), "--vehicle", str(QUAD), "--json", str(target)]
+    arguments = [
+        "diagnose",
+        str(tmp_path / "a.tlog"),
+        "--vehicle",
+        str(QUAD),
+        "--json",
+        str(target),
+    ]
     assert main(arguments) == 0
     answer = json.loads(target.read_text())
     assert answer["log_faults"] == []
     assert "another fan" in answer["notes"][0]
     assert "another fan" in capsys.readouterr().out
-    assert main(["run", str(tmp_path / "a.tlog"), "--vehicle", str(QUAD), "--json", str(target), "--quiet"]) == 0
+    assert (
+        main(
+            [
+                "run",
+                str(tmp_path / "a.tlog"),
+                "--vehicle",
+                str(QUAD),
+                "--json",
+                str(target),
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     report = json.loads(target.read_text())
     assert report["model"] == "none"
     assert "another fan" in report["notes"][0]
@@ -377,7 +421,11 @@ def test_outputs_that_are_not_sent_warn_of_nothing(recwarn):
     outputs = Series(np.arange(50) / 10.0, np.full((50, 16), np.nan))
     log = FlightLog(path=Path("x"), system=1, boot=0, start_s=0.0, end_s=5.0, servo=outputs)
     quad = load_vehicle(QUAD)
-    by_servo = tuple(replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in quad.fans)
-    ctx = SimpleNamespace(vehicle=replace(quad, fans=by_servo, throttle=Throttle(10.0, 1.0, 1000.0, 2000.0, 16.0)))
+    by_servo = tuple(
+        replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in quad.fans
+    )
+    ctx = SimpleNamespace(
+        vehicle=replace(quad, fans=by_servo, throttle=Throttle(10.0, 1.0, 1000.0, 2000.0, 16.0))
+    )
     assert copies(log, ctx, SimpleNamespace(), np.ones(50, bool)) == []
     assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]

@@ -21,9 +21,16 @@ from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehi
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 MANUAL = sorted(path for path in (ROOT / "docs").glob("*.md") if path.name != "results.md")
-DOCUMENTS = [README, *MANUAL, ROOT / "docs" / "results.md", *sorted((ROOT / "docs" / "lab").rglob("*.md"))]
+DOCUMENTS = [
+    README,
+    *MANUAL,
+    ROOT / "docs" / "results.md",
+    *sorted((ROOT / "docs" / "lab").rglob("*.md")),
+]
 WORDS_OF_README = 700
-FIGURE = re.compile(r"±|\d+ of \d+ (flights|right|seeds)|\[[+−-]?[\d.]+, [+−-]?[\d.]+\]|\d [mµ]s p\d\d|\*\*missed\*\*")
+FIGURE = re.compile(
+    r"±|\d+ of \d+ (flights|right|seeds)|\[[+−-]?[\d.]+, [+−-]?[\d.]+\]|\d [mµ]s p\d\d|\*\*missed\*\*"
+)
 """A measured figure: such stand in docs/results.md and in the notebook only."""
 ON_THE_VEHICLE = "# on the vehicle"
 PARSERS = {
@@ -102,7 +109,14 @@ def test_the_guide_runs_word_by_word(folder, capsys):
             assert code == 0, f"{line}: exit code {code}: {capsys.readouterr().err}"
             ran += 1
     assert ran >= 12
-    for made in ("hover.csv", "my.toml", "report/report.html", "my-model/model.json", "season/report.html", "my-fan"):
+    for made in (
+        "hover.csv",
+        "my.toml",
+        "report/report.html",
+        "my-model/model.json",
+        "season/report.html",
+        "my-fan",
+    ):
         assert (folder / made).exists(), made
 
 
@@ -114,8 +128,16 @@ def test_what_runs_in_the_guide_is_said_to_need_a_vehicle_only_where_it_does():
 
 def test_every_key_of_a_vehicle_file_is_explained():
     text = (ROOT / "docs" / "vehicle.md").read_text(encoding="utf-8")
-    keys = {f.name for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits) for f in fields(kind)}
-    keys |= {f.name for f in fields(Vehicle)} - {"fans", "vanes", "rangefinders", "throttle", "limits"}
+    keys = {
+        f.name for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits) for f in fields(kind)
+    }
+    keys |= {f.name for f in fields(Vehicle)} - {
+        "fans",
+        "vanes",
+        "rangefinders",
+        "throttle",
+        "limits",
+    }
     for key in sorted(keys):
         assert f"`{key}`" in text, key
     for table in ("[[fan]]", "[[vane]]", "[[rangefinder]]", "[throttle]", "[limits]"):
@@ -165,7 +187,11 @@ def test_every_file_of_the_architecture_exists():
     for line in text.splitlines():
         head = re.match(r"(?:## |In )`(models|companion(?:/sim)?|replay)/`", line)
         package = head[1] if head else None if line.startswith("## ") else package
-        for name in re.findall(r"`([\w/.]+)`", line.split("|")[1]) if package and line.startswith("| `") else ():
+        for name in (
+            re.findall(r"`([\w/.]+)`", line.split("|")[1])
+            if package and line.startswith("| `")
+            else ()
+        ):
             path = ROOT / package / name
             assert path.exists() or path.with_suffix(".py").exists(), f"{package}/{name}"
     for path in re.findall(r"`((?:models|companion|replay)/[\w/]+\.py)`", text):
@@ -184,7 +210,9 @@ def test_the_readme_is_short_and_begins_with_the_two_commands_of_a_fresh_machine
 
 def test_results_page_and_table_of_the_readme_are_what_the_json_files_give():
     found = results_page.results()
-    assert results_page.PAGE.read_text(encoding="utf-8") == results_page.page(found), "run results_page.py"
+    assert results_page.PAGE.read_text(encoding="utf-8") == results_page.page(found), (
+        "run results_page.py"
+    )
     text = README.read_text(encoding="utf-8")
     assert text == results_page.readme(text, found), "run results_page.py"
     assert sum(f.readme is not None for r in found for f in r.figures) == 6
@@ -192,7 +220,9 @@ def test_results_page_and_table_of_the_readme_are_what_the_json_files_give():
 
 def test_the_page_of_effects_is_what_the_catalogue_says_and_every_effect_has_a_picture():
     effects = list(catalogue())
-    assert effects_page.PAGE.read_text(encoding="utf-8") == effects_page.page(effects), "run effects_page.py"
+    assert effects_page.PAGE.read_text(encoding="utf-8") == effects_page.page(effects), (
+        "run effects_page.py"
+    )
     made_up = effects_page.flight()
     for effect in effects:
         _, _, x, y = effects_page.curve(effect, made_up)

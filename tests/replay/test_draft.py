@@ -17,6 +17,8 @@ from models.vehicle import load_vehicle
 from replay import load
 from replay.cli import main
 from replay.flightlog import EscRecord, FlightLog, Series
+from replay.logs import tlog_flightlog
+from replay.logs.tlog_flightlog import read as read_log
 from replay.sources.choose import chosen
 from replay.vehicle.airframe import airframe
 from replay.vehicle.draft import Given, draft
@@ -37,16 +39,38 @@ class Row:
 
 ROWS = (
     Row("ardupilot/s1_quad3_ground_wall_corner.tlog", "ardupilot/s1_quad3_ground_wall_corner.toml"),
-    Row("ardupilot/s4_quad3_attitude_target_corner.tlog", "ardupilot/s4_quad3_attitude_target_corner.toml"),
+    Row(
+        "ardupilot/s4_quad3_attitude_target_corner.tlog",
+        "ardupilot/s4_quad3_attitude_target_corner.toml",
+    ),
     # MOT_THST_HOVER is 0.39 there, the thrust command 0.44 and the file's number nominal.
-    Row("firmware/ardupilot/approach_offsets_off.tlog", "firmware/ardupilot/quad3.toml", hover=False),
+    Row(
+        "firmware/ardupilot/approach_offsets_off.tlog", "firmware/ardupilot/quad3.toml", hover=False
+    ),
     Row("firmware/px4/corner_offsets_off.tlog", "firmware/px4/quad.toml"),
     Row("firmware/px4/gps_lost.tlog", "firmware/px4/quad.toml"),
     Row("firmware/strong_corner/px4_off.tlog", "firmware/strong_corner/px4_quad.toml"),
-    Row("measured/nf_baseline_nowind.tlog", "measured/neural-fly.toml", "servo", spins=False, thrust=0.05),
-    Row("measured/appius/HIGH_ALTITUDE_V_050.tlog", "measured/appius/appius.toml", spins=False, hover=False),
+    Row(
+        "measured/nf_baseline_nowind.tlog",
+        "measured/neural-fly.toml",
+        "servo",
+        spins=False,
+        thrust=0.05,
+    ),
+    Row(
+        "measured/appius/HIGH_ALTITUDE_V_050.tlog",
+        "measured/appius/appius.toml",
+        spins=False,
+        hover=False,
+    ),
     Row("measured/imrc/BL_t06.tlog", "measured/imrc/BL.toml", spins=False, hover=False),
-    Row("measured/crazypad/E8_normal_b.tlog", "measured/crazypad/E8.toml", "servo", spins=False, thrust=0.05),
+    Row(
+        "measured/crazypad/E8_normal_b.tlog",
+        "measured/crazypad/E8.toml",
+        "servo",
+        spins=False,
+        thrust=0.05,
+    ),
 )
 
 
@@ -57,7 +81,9 @@ def drafted(*paths: Path, **given: float):
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: Path(row.log).stem)
 def test_a_draft_is_the_vehicle_that_flew(shared_data, row):
     given = load_vehicle(shared_data / row.vehicle)
-    made = drafted(shared_data / row.log, mass_kg=given.mass_kg, propeller_m=2.0 * given.rotor_radius_m).vehicle
+    made = drafted(
+        shared_data / row.log, mass_kg=given.mass_kg, propeller_m=2.0 * given.rotor_radius_m
+    ).vehicle
     assert len(made.fans) == len(given.fans)
     assert {getattr(r, row.drive) for r in made.rotors} == {1, 2, 3, 4}
     if row.spins:
@@ -84,7 +110,9 @@ def test_px4_parameters_say_places_and_spins(shared_data):
     assert dict(found.numbers) == {1: 1, 2: 2, 3: 3, 4: 4}
     assert [m.spin for m in found.motors] == [-1, -1, 1, 1]
     left = found.motors[1]
-    assert (left.forward * found.arm_m, left.right * found.arm_m) == pytest.approx((-0.1515, -0.1875), abs=0.001)
+    assert (left.forward * found.arm_m, left.right * found.arm_m) == pytest.approx(
+        (-0.1515, -0.1875), abs=0.001
+    )
 
 
 def test_old_ardupilot_says_its_frame_by_one_parameter(shared_data):
@@ -114,7 +142,9 @@ def flown(path="a.BIN", *, outputs=4, escs=0, **more) -> FlightLog:
     servo = np.zeros((len(T), 16))
     for k in range(outputs):
         servo[:, k] = 1500.0 + 100.0 * np.sin(T + k)
-    speeds = {k: EscRecord(Series(T, 5000.0 + 50.0 * np.sin(T + k)[:, None])) for k in range(1, escs + 1)}
+    speeds = {
+        k: EscRecord(Series(T, 5000.0 + 50.0 * np.sin(T + k)[:, None])) for k in range(1, escs + 1)
+    }
     ports = {0: Series(T, servo)} if outputs else {}
     log = FlightLog(Path(path), 1, 0, 0.0, 40.0, servo_ports=ports, escs=speeds)
     return chosen(replace(log, **{"vehicle_type": 2, "autopilot": 3, **more}))
@@ -168,7 +198,10 @@ def test_a_frame_that_is_not_known_is_judged_by_forces_alone():
         (flown(vehicle_type=4), "MAV_TYPE 4 is a helicopter"),
         (flown(vehicle_type=None, parameters=copter(6, 0, 4)), "FRAME_CLASS 6 is a helicopter"),
         (flown(vehicle_type=None, texts=((0.0, 6, "ArduPlane V4.5.7"),)), "ArduPlane"),
-        (flown(vehicle_type=None, autopilot=12, parameters={"CA_AIRFRAME": 1.0}), "CA_AIRFRAME 1 is an aeroplane"),
+        (
+            flown(vehicle_type=None, autopilot=12, parameters={"CA_AIRFRAME": 1.0}),
+            "CA_AIRFRAME 1 is an aeroplane",
+        ),
         (flown(vehicle_type=None, outputs=4, parameters=copter(2, 1, 6)), "output 5 never moves"),
         (flown(outputs=4, parameters=copter(2, 1, 4)), "FRAME_CLASS 2, FRAME_TYPE 1 have 6 motors"),
         (flown(outputs=4, escs=6, parameters=copter(1, 1, 4)), "6 ESCs turn"),
@@ -197,22 +230,49 @@ def answered(capsys, *arguments) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+def test_a_log_is_read_once_for_draft_and_diagnosis(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "short.tlog"
+    write_tlog(path, quad_flight(20.0))
+    read: list[Path] = []
+
+    def counted(log: Path, target_system: int | None) -> list[FlightLog]:
+        read.append(log)
+        return read_log(log, target_system)
+
+    monkeypatch.setattr(tlog_flightlog, "read", counted)
+    answered(capsys, path)
+    assert read == [path]
+
+
 @pytest.mark.slow
 def test_a_log_is_answered_without_a_vehicle_file(log, capsys):
     told = answered(capsys, log)
     vehicle = told["vehicle"]
     assert vehicle["drafted"]
     assert {"mass_kg", "rotor_radius_m", "position_m"} <= {f["key"] for f in vehicle["assumed"]}
-    assert all(f.keys() >= {"key", "value", "from"} for f in (*vehicle["known"], *vehicle["assumed"]))
+    assert all(
+        f.keys() >= {"key", "value", "from"} for f in (*vehicle["known"], *vehicle["assumed"])
+    )
     assert set(told["axes"]) == {"Fx", "Fy", "Fz"}
-    assert all(axis.keys() >= {"rms_before", "rms_after", "of_weight"} for axis in told["axes"].values())
+    assert all(
+        axis.keys() >= {"rms_before", "rms_after", "of_weight"} for axis in told["axes"].values()
+    )
     assert sum("--mass" in note for note in told["notes"]) == 1
 
 
 def test_sizes_of_what_is_given_are_those_of_the_vehicle(log, tmp_path, capsys):
     kept = tmp_path / "my.toml"
     told = answered(
-        capsys, log, "--mass", QUAD_MASS_KG, "--propeller", 0.28 / 0.0254, "--span", 0.6364, "--save-vehicle", kept
+        capsys,
+        log,
+        "--mass",
+        QUAD_MASS_KG,
+        "--propeller",
+        0.28 / 0.0254,
+        "--span",
+        0.6364,
+        "--save-vehicle",
+        kept,
     )
     assert "of_weight" not in told["axes"]["Fz"]
     assert {"Mx", "My", "Mz"} <= set(told["axes"])
@@ -232,16 +292,23 @@ def test_a_kept_draft_still_says_what_is_assumed(log, tmp_path, capsys):
 
 
 def test_forces_in_shares_of_the_weight_do_not_depend_on_the_mass(log, capsys):
-    light, heavy = (answered(capsys, log, "--mass", kg)["axes"]["Fz"]["rms_before"] / kg for kg in (1.0, 5.0))
+    light, heavy = (
+        answered(capsys, log, "--mass", kg)["axes"]["Fz"]["rms_before"] / kg for kg in (1.0, 5.0)
+    )
     assert light == pytest.approx(heavy, rel=0.02)
 
 
 def framed(path: Path, kind: int, messages=None) -> Path:
     """A log that says its FRAME_TYPE."""
     names = (("FRAME_CLASS", 1.0), ("FRAME_TYPE", float(kind)))
-    said = [mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, k) for k, (name, value) in enumerate(names)]
+    said = [
+        mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, k)
+        for k, (name, value) in enumerate(names)
+    ]
     flown = messages or quad_flight(30.0)
-    write_tlog(path, [*flown, *((flown[-1][0] + 1 + k, frame(message)) for k, message in enumerate(said))])
+    write_tlog(
+        path, [*flown, *((flown[-1][0] + 1 + k, frame(message)) for k, message in enumerate(said))]
+    )
     return path
 
 
@@ -280,9 +347,18 @@ def test_a_log_from_the_bench_lends_its_parameters(log, tmp_path, capsys):
 @pytest.mark.slow
 def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
     framed(tmp_path / "other.tlog", 12)
-    assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
-    answers = [json.loads(path.read_text()) for path in (tmp_path / "out" / "results").glob("*.json")]
-    frames = {fact["value"] for a in answers for fact in a["vehicle"]["known"] if fact["key"] == "frame"}
+    assert (
+        main(
+            ["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]
+        )
+        == 0
+    )
+    answers = [
+        json.loads(path.read_text()) for path in (tmp_path / "out" / "results").glob("*.json")
+    ]
+    frames = {
+        fact["value"] for a in answers for fact in a["vehicle"]["known"] if fact["key"] == "frame"
+    }
     assert frames == {"quad-x", "quad-bf"}
     assert all(any("--mass" in note for note in a["notes"]) for a in answers)
 

@@ -27,7 +27,9 @@ FLIGHTS: dict[str, Callable[[Path], object]] = {
 
 @pytest.fixture(params=sorted(READERS))
 def log(request: pytest.FixtureRequest, tmp_path: Path) -> FlightLog:
-    assert request.param in FLIGHTS, f"give a writer of a {request.param} flight: every format passes this suite"
+    assert request.param in FLIGHTS, (
+        f"give a writer of a {request.param} flight: every format passes this suite"
+    )
     path = tmp_path / f"flight{request.param}"
     FLIGHTS[request.param](path)
     logs = load(path)
@@ -39,7 +41,16 @@ def series_of(log: FlightLog) -> dict[str, Series]:
     """Every series that the flight has."""
     out = {
         name: getattr(log, name)
-        for name in ("attitude", "rates", "position", "velocity", "servo", "battery", "pressure", "thrust_command")
+        for name in (
+            "attitude",
+            "rates",
+            "position",
+            "velocity",
+            "servo",
+            "battery",
+            "pressure",
+            "thrust_command",
+        )
     }
     out |= {f"imu {i}": imu.specific_force for i, imu in enumerate(log.imus)}
     out |= {f"gyro {i}": imu.gyro for i, imu in enumerate(log.imus)}

@@ -19,7 +19,9 @@ def log(tmp_path):
 
 
 def test_parquet_holds_every_sample_at_its_stamp_with_its_unit(log, tmp_path, capsys):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra: export)")
+    parquet = pytest.importorskip(
+        "pyarrow.parquet", reason="pyarrow is not installed (extra: export)"
+    )
     target = tmp_path / "out.parquet"
     assert main(["export", str(log), "--to", "parquet", "--out", str(target)]) == 0
     assert "out.parquet" in capsys.readouterr().out
@@ -56,10 +58,26 @@ def test_csv_says_the_same(log, tmp_path, monkeypatch):
 
 def test_a_column_that_one_boot_lacks_is_empty_there(tmp_path):
     path = tmp_path / "two.tlog"
-    without = [(t, raw) for t, raw in flight(3.0, start_ms=5_000, arrival_us=EPOCH_US + 60_000_000) if raw[7] != 132]
+    without = [
+        (t, raw)
+        for t, raw in flight(3.0, start_ms=5_000, arrival_us=EPOCH_US + 60_000_000)
+        if raw[7] != 132
+    ]
     write_tlog(path, flight(4.0, start_ms=5_500) + without)
     assert (
-        main(["export", str(path), "--to", "csv", "--no-decisions", "--quiet", "--out", str(tmp_path / "a.csv")]) == 0
+        main(
+            [
+                "export",
+                str(path),
+                "--to",
+                "csv",
+                "--no-decisions",
+                "--quiet",
+                "--out",
+                str(tmp_path / "a.csv"),
+            ]
+        )
+        == 0
     )
     with open(tmp_path / "a.csv", newline="") as file:
         rows = list(csv.DictReader(file))

@@ -45,7 +45,10 @@ def mcap_reader():
 def exported(log, to, *options):
     target = log.with_suffix(f".{to}")
     vehicle = ["--vehicle", str(TANDEM)]
-    assert main(["export", str(log), "--to", to, "--out", str(target), "--quiet", *vehicle, *options]) == 0
+    assert (
+        main(["export", str(log), "--to", to, "--out", str(target), "--quiet", *vehicle, *options])
+        == 0
+    )
     return target
 
 
@@ -56,12 +59,18 @@ def rows_of(path):
 
 def messages_of(reader, path):
     with path.open("rb") as file:
-        for schema, channel, message in reader.make_reader(file).iter_messages(log_time_order=False):
+        for schema, channel, message in reader.make_reader(file).iter_messages(
+            log_time_order=False
+        ):
             yield schema, channel, message, json.loads(message.data)
 
 
 def decided(log):
-    replay = Replay(PipelineConfig(vehicle=default_vehicle(), model=models.load(), dry_run=True, adapt=Adapt.FULL))
+    replay = Replay(
+        PipelineConfig(
+            vehicle=default_vehicle(), model=models.load(), dry_run=True, adapt=Adapt.FULL
+        )
+    )
     frames = read_tlog(log).frames() if log.suffix == ".tlog" else None
     return list(replay.decisions(frames) if frames else replay.decisions_on(samples(load(log)[0])))
 
@@ -73,8 +82,13 @@ def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log, csv_file
     assert any(d.offset.thrust for d in decisions)
     for d in decisions:
         row = rows[float(f"{d.t_s:.10g}")]
-        got = [float(row[n]) for n in ("offset_thrust", "offset_roll_rad", "offset_pitch_rad", "authority")]
-        np.testing.assert_allclose(got, [d.offset.thrust, d.offset.roll, d.offset.pitch, d.authority], rtol=1e-8)
+        got = [
+            float(row[n])
+            for n in ("offset_thrust", "offset_roll_rad", "offset_pitch_rad", "authority")
+        ]
+        np.testing.assert_allclose(
+            got, [d.offset.thrust, d.offset.roll, d.offset.pitch, d.authority], rtol=1e-8
+        )
         assert row["refusals"] == ("; ".join(r.value for r in d.reasons) or "none")
         if row["model_fz_n"]:
             assert float(row["model_fz_n"]) == pytest.approx(d.disturbance.wrench[2], rel=1e-8)
@@ -85,7 +99,9 @@ def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log, csv_file
     assert float(sizes[-1]["size_ground_lift_sd"]) == pytest.approx(told.sd, rel=1e-8)
 
 
-def test_without_a_vehicle_file_decisions_are_of_the_drafted_vehicle_and_that_is_said(log, tmp_path, capsys):
+def test_without_a_vehicle_file_decisions_are_of_the_drafted_vehicle_and_that_is_said(
+    log, tmp_path, capsys
+):
     target = tmp_path / "drafted.csv"
     assert main(["export", str(log), "--to", "csv", "--out", str(target)]) == 0
     told = capsys.readouterr().out
@@ -98,7 +114,9 @@ def test_a_dataflash_log_has_decisions_too(tmp_path):
     path.write_bytes(bin_flight())
     rows = [r for r in rows_of(exported(path, "csv")) if r["refusals"]]
     decisions = decided(path)
-    assert [r["refusals"] for r in rows] == ["; ".join(x.value for x in d.reasons) or "none" for d in decisions]
+    assert [r["refusals"] for r in rows] == [
+        "; ".join(x.value for x in d.reasons) or "none" for d in decisions
+    ]
 
 
 def test_csv_loads_as_plotjuggler_reads_it(csv_file):
@@ -134,9 +152,13 @@ def test_mcap_says_what_the_csv_says(log, csv_file, mcap_reader):
 
 
 def test_parquet_has_refusals_as_text(log, csv_file):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra: export)")
+    parquet = pytest.importorskip(
+        "pyarrow.parquet", reason="pyarrow is not installed (extra: export)"
+    )
     table = parquet.read_table(exported(log, "parquet"))
-    assert [x or "" for x in table["refusals"].to_pylist()] == [r["refusals"] for r in rows_of(csv_file)]
+    assert [x or "" for x in table["refusals"].to_pylist()] == [
+        r["refusals"] for r in rows_of(csv_file)
+    ]
     assert table.schema.metadata[b"vehicle"] == default_vehicle().name.encode()
 
 
@@ -158,7 +180,9 @@ def test_a_log_without_attitude_has_no_decisions(tmp_path, mcap_reader, capsys):
     write_tlog(path, [(t, raw) for t, raw in flight(4.0) if raw[7] not in (30, 31)])
     assert not any(c.name == "attitude_qw" for c in recorded(load(path)[0]))
     assert "refusals" not in rows_of(exported(path, "csv"))[0]
-    topics = {channel.topic for _, channel, _, _ in messages_of(mcap_reader, exported(path, "mcap"))}
+    topics = {
+        channel.topic for _, channel, _, _ in messages_of(mcap_reader, exported(path, "mcap"))
+    }
     assert "/position" in topics
     assert not topics & {"/decision", "/model", "/sizes"}
 

@@ -44,7 +44,9 @@ class Flights:
 
     def faults(self, log: FlightLog, kind: str, *, speeds: bool) -> list[LogFault]:
         vehicle = chosen_vehicle(self.folder / f"{_name(kind, speeds=speeds)}.toml")
-        return [fault for fault in build_record(log, vehicle, None).faults if fault.since_s is not None]
+        return [
+            fault for fault in build_record(log, vehicle, None).faults if fault.since_s is not None
+        ]
 
 
 def _name(kind: str, *, speeds: bool) -> str:
@@ -57,7 +59,14 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Flights:
     folder = tmp_path_factory.mktemp("failing")
     crafts = [craft.draw("quad-x", rng) for _ in KINDS]
     flown = [
-        cases.Case(kind=kind, motors=motors, since_s=SINCE_S, size=size, end_s=SINCE_S + 6.0, height_m=(12.0, 20.0))
+        cases.Case(
+            kind=kind,
+            motors=motors,
+            since_s=SINCE_S,
+            size=size,
+            end_s=SINCE_S + 6.0,
+            height_m=(12.0, 20.0),
+        )
         for kind, (motors, size) in KINDS.items()
     ]
     tape = world.fly(crafts, flown, rng)

@@ -35,7 +35,9 @@ def test_a_log_is_copied_from_the_commit_of_its_table(tmp_path, monkeypatch, cap
 
     def git(*arguments: str) -> str:
         who = ("-c", "user.name=a", "-c", "user.email=a@example.org")
-        done = subprocess.run(["git", *who, "-C", str(clone), *arguments], check=True, capture_output=True, text=True)
+        done = subprocess.run(
+            ["git", *who, "-C", str(clone), *arguments], check=True, capture_output=True, text=True
+        )
         return done.stdout.strip()
 
     git("init", "-q")
@@ -50,7 +52,9 @@ def test_a_log_is_copied_from_the_commit_of_its_table(tmp_path, monkeypatch, cap
         f'[origin]\ncommit = "{commit}"\n[origin.logs]\n"a.BIN" = "a flight.bin"\n'
         '[origin.vehicle.a]\nname = "a"\nmass_kg = 1.5\n'
     )
-    monkeypatch.setattr(sys, "argv", ["field_logs.py", str(table), str(clone), str(tmp_path / "out")])
+    monkeypatch.setattr(
+        sys, "argv", ["field_logs.py", str(table), str(clone), str(tmp_path / "out")]
+    )
     assert field_logs.main() == 0
     assert (tmp_path / "out" / "a.BIN").read_bytes() == b"first"
     assert tomllib.loads((tmp_path / "out" / "a.toml").read_text()) == {"name": "a", "mass_kg": 1.5}

@@ -47,7 +47,9 @@ def test_every_log_is_judged_as_by_itself_and_a_bad_one_stops_nothing(folder, tm
     assert [line for line in errors if "c.tlog.gz" in line and "unpack" in line]
     main(["run", str(folder / "a.tlog"), "--json", "-"])
     alone = json.loads(capsys.readouterr().out)
-    assert {k: answers["a.tlog"][k] for k in alone if k != "log"} == {k: v for k, v in alone.items() if k != "log"}
+    assert {k: answers["a.tlog"][k] for k in alone if k != "log"} == {
+        k: v for k, v in alone.items() if k != "log"
+    }
     assert answers["b.tlog"]["date"].startswith("2026-01-04")
     assert answers["b.tlog"]["date_from"] == "log"
 
@@ -59,7 +61,9 @@ def test_table_and_page_hold_every_log(folder, tmp_path):
         rows = list(csv.DictReader(file))
     assert len(rows) == 3
     assert [bool(r["error"]) for r in rows].count(True) == 1
-    assert max(float(r["duration_s"]) for r in rows if r["duration_s"]) == pytest.approx(3.98, abs=0.05)
+    assert max(float(r["duration_s"]) for r in rows if r["duration_s"]) == pytest.approx(
+        3.98, abs=0.05
+    )
     page = (out / "report.html").read_text()
     assert all(name in page for name in ("a.tlog", "b.tlog", "bad.tlog"))
     assert "http" not in page.replace("http-equiv", "")
@@ -72,7 +76,9 @@ def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
     logs.mkdir()
     for name in ("a", "b"):
         write_tlog(logs / f"{name}.tlog", [m for m in flight(20.0) if cut(m[1], 0).id != 132])
-    assert main(["run", str(logs), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
+    assert (
+        main(["run", str(logs), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
+    )
     page = (tmp_path / "out" / "report.html").read_text()
     assert f"correct the main reason for no offset: {Reason.RANGE_MISSING.value}" in page
     assert page.count(f"{Reason.RANGE_MISSING.value}, 20 s") == 2
@@ -102,10 +108,32 @@ def test_folder_of_diagnoses(tmp_path, capsys):
     logs.mkdir()
     write_tlog(logs / "heavy.tlog", quad_flight(40.0, mass_kg=3.6))
     out = tmp_path / "out"
-    arguments = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(out), "--json", "-"]
+    arguments = [
+        "diagnose",
+        str(logs),
+        "--vehicle",
+        str(QUAD),
+        "--model",
+        "none",
+        "--out",
+        str(out),
+        "--json",
+        "-",
+    ]
     assert main(arguments) == 0
     (answer,) = json.loads(capsys.readouterr().out)["logs"]
-    main(["diagnose", str(logs / "heavy.tlog"), "--vehicle", str(QUAD), "--model", "none", "--json", "-"])
+    main(
+        [
+            "diagnose",
+            str(logs / "heavy.tlog"),
+            "--vehicle",
+            str(QUAD),
+            "--model",
+            "none",
+            "--json",
+            "-",
+        ]
+    )
     alone = json.loads(capsys.readouterr().out)
     assert answer["verdict"] == alone["verdict"]
     assert answer["effects"] == alone["effects"]
@@ -121,7 +149,16 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
     for k in range(2):
         write_tlog(logs / f"heavy{k}.tlog", quad_flight(40.0, mass_kg=3.6, seed=k))
     (logs / "bad.tlog").write_bytes(b"\x00" * 500)
-    arguments = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(tmp_path / "out")]
+    arguments = [
+        "diagnose",
+        str(logs),
+        "--vehicle",
+        str(QUAD),
+        "--model",
+        "none",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main([*arguments, "--report", str(report), "--quiet"]) == 0
     page = (report / "report.html").read_text()
     assert "Most logs show the same effect" in page
@@ -130,7 +167,9 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
     assert len(links) == 2
     for link in links:
         assert "Error of the model" in (report / link).read_text()
-    assert str(tmp_path) not in page.split("<table>")[-1].replace(str(logs), ""), "the folder may be moved"
+    assert str(tmp_path) not in page.split("<table>")[-1].replace(str(logs), ""), (
+        "the folder may be moved"
+    )
     # A page that was deleted is made again; the others are known from before.
     (report / links[0]).unlink()
     capsys.readouterr()
@@ -145,7 +184,11 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
 
 def test_what_logs_cannot_tell_apart_counts_as_one():
     def log(name, *aliases):
-        return {"verdict": "explained", "effects": [{"name": name}], "aliases": [[name, *aliases]] if aliases else []}
+        return {
+            "verdict": "explained",
+            "effects": [{"name": name}],
+            "aliases": [[name, *aliases]] if aliases else [],
+        }
 
     assert common_effects([log("payload", "thrust_scale"), log("thrust_scale", "payload")]) == [
         ["payload", "thrust_scale"]
@@ -168,7 +211,9 @@ def test_a_real_browser_shows_the_page_of_a_folder(folder, tmp_path):
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     write_tlog(tmp_path / "a.tlog", flight(2.0))
-    jobs = [Job.of("run", tmp_path / "a.tlog", {"--model": model}) for model in ("/no/such/model", None)]
+    jobs = [
+        Job.of("run", tmp_path / "a.tlog", {"--model": model}) for model in ("/no/such/model", None)
+    ]
     answers = dict(work(jobs, 2, None))
     assert "/no/such/model" in answers[jobs[0]]["error"]
     assert answers[jobs[1]]["decisions"] > 0
@@ -193,7 +238,10 @@ def test_bad_arguments(folder, tmp_path, capsys):
 
 
 def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it():
-    answers = [{"log": "a", "error": "bad"}, {"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}}]
+    answers = [
+        {"log": "a", "error": "bad"},
+        {"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}},
+    ]
     assert table(answers).splitlines() == [
         "log,error,duration_s,refusals_s.landed",
         "a,bad,,",
@@ -210,12 +258,25 @@ def test_interrupted_folder_keeps_what_was_done(folder, tmp_path):
 
 
 def test_dask_does_the_same_work(folder, tmp_path, capsys):
-    distributed = pytest.importorskip("distributed", reason="distributed is not installed (extra: cluster)")
+    distributed = pytest.importorskip(
+        "distributed", reason="distributed is not installed (extra: cluster)"
+    )
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
     ) as cluster:
         out = tmp_path / "out"
-        code = main(["run", str(folder), "--out", str(out), "--scheduler", cluster.scheduler_address, "--json", "-"])
+        code = main(
+            [
+                "run",
+                str(folder),
+                "--out",
+                str(out),
+                "--scheduler",
+                cluster.scheduler_address,
+                "--json",
+                "-",
+            ]
+        )
     assert code == 0
     answers = json.loads(capsys.readouterr().out)["logs"]
     assert sorted("error" in a for a in answers) == [False, False, True]
@@ -224,7 +285,17 @@ def test_dask_does_the_same_work(folder, tmp_path, capsys):
 @pytest.mark.slow
 def test_as_a_command(folder, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "replay", "run", folder, "--out", tmp_path / "out", "--workers", "2"],
+        [
+            sys.executable,
+            "-m",
+            "replay",
+            "run",
+            folder,
+            "--out",
+            tmp_path / "out",
+            "--workers",
+            "2",
+        ],
         capture_output=True,
         text=True,
         timeout=100,

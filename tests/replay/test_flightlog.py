@@ -40,7 +40,9 @@ def test_span_and_identity(hover):
 def test_stamped_columns_are_exact(hover):
     assert len(hover.attitude) == 500
     assert hover.attitude.rate_hz == pytest.approx(50.0)
-    yaw, pitch, roll = Rotation.from_quat(hover.attitude.values, scalar_first=True).as_euler("ZYX").T
+    yaw, pitch, roll = (
+        Rotation.from_quat(hover.attitude.values, scalar_first=True).as_euler("ZYX").T
+    )
     assert np.allclose(roll, 0.1 * np.sin(hover.attitude.t_s), atol=1e-6)
     assert np.allclose(pitch, 0.02, atol=1e-6)
     assert np.allclose(yaw, 0.3, atol=1e-6)
@@ -104,7 +106,10 @@ def test_a_reboot_splits_the_log(tmp_path):
 def test_the_millisecond_wrap_is_not_a_reboot(tmp_path):
     start = 2**32 - 2_000
     messages = [
-        (EPOCH_US + 20_000 * k, frame(mavlink.MAVLink_attitude_message((start + 20 * k) % 2**32, 0, 0, 0, 0, 0, 0)))
+        (
+            EPOCH_US + 20_000 * k,
+            frame(mavlink.MAVLink_attitude_message((start + 20 * k) % 2**32, 0, 0, 0, 0, 0, 0)),
+        )
         for k in range(200)
     ]
     (log,) = logs_of(tmp_path, [(EPOCH_US, frame(heartbeat())), *messages])
@@ -115,7 +120,12 @@ def test_the_millisecond_wrap_is_not_a_reboot(tmp_path):
 def test_one_damaged_boot_stamp_is_no_reboot(tmp_path):
     messages = flight(4.0)
     wrong = [(EPOCH_US + 2_000_000, frame(mavlink.MAVLink_attitude_message(5, 0, 0, 0, 0, 0, 0)))]
-    wrong += [(EPOCH_US + 3_000_000, frame(mavlink.MAVLink_attitude_message(4_000_000_000, 0, 0, 0, 0, 0, 0)))]
+    wrong += [
+        (
+            EPOCH_US + 3_000_000,
+            frame(mavlink.MAVLink_attitude_message(4_000_000_000, 0, 0, 0, 0, 0, 0)),
+        )
+    ]
     (log,) = logs_of(tmp_path, sorted([*messages, *wrong]))
     assert log.end_s == pytest.approx(43.98)
     assert "impossible boot stamps" in " ".join(log.summary.notes)
@@ -150,17 +160,45 @@ def test_another_component_has_its_own_clock(tmp_path):
 
 
 def test_unresolvable_orientation_is_left_out_and_said(tmp_path):
-    odd = [(EPOCH_US + 1, frame(mavlink.MAVLink_distance_sensor_message(40_000, 5, 800, 77, 0, 4, 77, 0)))]
+    odd = [
+        (
+            EPOCH_US + 1,
+            frame(mavlink.MAVLink_distance_sensor_message(40_000, 5, 800, 77, 0, 4, 77, 0)),
+        )
+    ]
     (log,) = logs_of(tmp_path, sorted([*flight(2.0), *odd]))
     assert {b.name for b in log.beams} == {"down", "right"}
     assert "orientation 77 cannot be resolved" in " ".join(log.summary.notes)
+
+
+@pytest.mark.parametrize("told", [(0,), range(50), (49,)], ids=["the first", "all", "the last"])
+def test_a_sensor_with_a_quaternion_looks_where_its_messages_say(told, tmp_path):
+    """Orientation 100 with pitch -90 degrees; a message may leave the quaternion out. 65535 cm is nothing."""
+    down = (0.5**0.5, 0.0, -(0.5**0.5), 0.0)
+    sensor = []
+    for k in range(50):
+        q = down if k in told else (0.0, 0.0, 0.0, 0.0)
+        reading = 65535 if k % 10 == 0 else 150
+        message = mavlink.MAVLink_distance_sensor_message(
+            40_000 + 20 * k, 10, 400, reading, 0, 4, 100, 0, 0, 0, q, 0
+        )
+        sensor.append((EPOCH_US + 20_000 * k + 2_500, frame(message)))
+    own = [m for m in flight(2.0) if cut(m[1], 0).id != 132]
+    (log,) = logs_of(tmp_path, sorted([*own, *sensor]))
+    beam = log.beam("down")
+    assert (len(beam.distance), len(beam.good)) == (50, 45)
+    assert beam.verdicts[10] is RangeVerdict.ABOVE_MAX
 
 
 def test_clipping_counted_by_the_autopilot_and_seen(tmp_path):
     shakes = [
         (
             EPOCH_US + 100_000 * k,
-            frame(mavlink.MAVLink_vibration_message(40_000_000 + 100_000 * k, 1, 1, 40, 5 + 3 * k, 0, 0)),
+            frame(
+                mavlink.MAVLink_vibration_message(
+                    40_000_000 + 100_000 * k, 1, 1, 40, 5 + 3 * k, 0, 0
+                )
+            ),
         )
         for k in range(20)
     ]
@@ -183,13 +221,19 @@ def test_raw_imu_is_seen_to_be_quantised_and_comes_second(tmp_path):
 
 def test_rangefinder_alone_and_beside_a_coarse_sensor(tmp_path):
     fine = [
-        (EPOCH_US + 20_000 * k + 2_000, frame(mavlink.MAVLink_rangefinder_message(0.5 + 0.001 * (k % 5), 0)))
+        (
+            EPOCH_US + 20_000 * k + 2_000,
+            frame(mavlink.MAVLink_rangefinder_message(0.5 + 0.001 * (k % 5), 0)),
+        )
         for k in range(200)
     ]
     (log,) = logs_of(tmp_path, sorted([*flight(4.0), *fine]))
     assert log.beam("down").source == "RANGEFINDER", "the same quantity, finer and faster"
     assert log.beam("down").max_m == 8.0
-    other = [(a, frame(mavlink.MAVLink_rangefinder_message(3.0 + 0.001 * (k % 5), 0))) for k, (a, _) in enumerate(fine)]
+    other = [
+        (a, frame(mavlink.MAVLink_rangefinder_message(3.0 + 0.001 * (k % 5), 0)))
+        for k, (a, _) in enumerate(fine)
+    ]
     (log,) = logs_of(tmp_path, sorted([*flight(4.0), *other]))
     assert log.beam("down").source == "DISTANCE_SENSOR", "another quantity"
     (log,) = logs_of(tmp_path, [m for m in sorted([*flight(4.0), *fine]) if cut(m[1], 0).id != 132])
@@ -217,7 +261,12 @@ def test_no_time_axis_is_one_line(tmp_path):
 
 def test_series_at():
     s = Series(np.array([0.0, 1.0, 3.0]), np.array([[0.0], [10.0], [30.0]]))
-    assert s.at(np.array([-1.0, 0.0, 0.5, 2.0, 3.0, 4.0]))[:, 0].tolist()[1:5] == [0.0, 5.0, 20.0, 30.0]
+    assert s.at(np.array([-1.0, 0.0, 0.5, 2.0, 3.0, 4.0]))[:, 0].tolist()[1:5] == [
+        0.0,
+        5.0,
+        20.0,
+        30.0,
+    ]
     assert np.isnan(s.at(np.array([-1.0, 4.0]))).all()
     assert np.isnan(s.at(np.array([2.0]), max_gap_s=1.5)).all()
     assert s.at(np.array([0.9, 2.9, 3.5]), hold=True)[:, 0].tolist() == [0.0, 10.0, 30.0]
@@ -238,7 +287,9 @@ def test_tidy_is_strictly_increasing(pairs):
 
 
 def test_small_helpers():
-    assert smallest_step(0.1 * np.array([1, 2, 5, 9, 12, 13, 20, 31, 32, 40, 44])) == pytest.approx(0.1)
+    assert smallest_step(0.1 * np.array([1, 2, 5, 9, 12, 13, 20, 31, 32, 40, 44])) == pytest.approx(
+        0.1
+    )
     assert smallest_step(np.array([0.1, -0.2, -9.8])) == 0.0
     assert smallest_step(np.random.default_rng(0).normal(size=500)) == 0.0
     assert direction_name((0.0, 0.17, 0.985)) == "down"
@@ -255,10 +306,14 @@ def test_against_the_known_truth_of_a_recorded_autopilot(shared_data):
     (log,) = load(folder / "s1_quad3_ground_wall_corner.tlog")
     counts = json.loads((folder / "s1_quad3_ground_wall_corner.json").read_text())
     assert counts["time_alignment"]["truth_t_minus_boot_s"] == -0.005
-    truth = np.genfromtxt(folder / "s1_quad3_ground_wall_corner.truth.csv", delimiter=",", names=True)
+    truth = np.genfromtxt(
+        folder / "s1_quad3_ground_wall_corner.truth.csv", delimiter=",", names=True
+    )
     names = truth.dtype.names
     t = truth[names[0]] + 0.005
-    columns = [next(n for n in names if n.lower() in options) for options in (("n", "north", "pn", "x"),)]
+    columns = [
+        next(n for n in names if n.lower() in options) for options in (("n", "north", "pn", "x"),)
+    ]
     north = log.position.at(t, 0.1)[:, 0]
     good = np.isfinite(north)
     assert good.mean() > 0.8

@@ -41,7 +41,9 @@ def test_a_second_name_is_wrong_even_beside_the_true_one():
 
 def test_an_alias_counts_only_inside_a_listed_class_and_when_reported():
     payload = truth(effects=["payload"])
-    said = judge("payload", payload, answer("thrust_scale", aliases=[("payload", "thrust_scale")]), 0)
+    said = judge(
+        "payload", payload, answer("thrust_scale", aliases=[("payload", "thrust_scale")]), 0
+    )
     assert said.right
     assert not said.exact
     assert not judge("payload", payload, answer("thrust_scale"), 0).right
@@ -64,7 +66,9 @@ def test_strangers_need_the_verdict_and_a_right_channel_and_no_name():
     unlisted = truth("unlisted", channels=["yaw_rad", "rpm_*"])
     assert judge("x", unlisted, answer(verdict="unexplained", channels=["rpm_3"]), 0).right
     assert not judge("x", unlisted, answer(verdict="unexplained", channels=["time_s"]), 0).right
-    assert not judge("x", unlisted, answer("wind", verdict="partly_explained", channels=["yaw_rad"]), 0).right
+    assert not judge(
+        "x", unlisted, answer("wind", verdict="partly_explained", channels=["yaw_rad"]), 0
+    ).right
 
 
 def test_only_flights_without_the_needed_messages_may_be_refused():
@@ -81,7 +85,9 @@ def test_the_wrong_mass_must_be_found_as_a_ratio_of_thrust_to_mass():
 
 def test_rms_is_compared_at_the_bandwidth_that_the_answer_used():
     # Said to be 1.2 before: the table's 2 Hz; the oracle there is 0.6.
-    assert rms_ratio(truth(effects=["wind"]), answer("wind", after=0.66)) == pytest.approx(1.1, rel=0.02)
+    assert rms_ratio(truth(effects=["wind"]), answer("wind", after=0.66)) == pytest.approx(
+        1.1, rel=0.02
+    )
 
 
 def test_wilson_interval_of_19_in_20():
@@ -94,6 +100,11 @@ def test_every_name_is_a_statement_that_reliability_can_count():
     said = answer("wind", "imu_bias")
     said["effects"][0] |= {"probability": 0.97, "q_value": 0.01, "status": "confirmed"}
     statements = judge("wind", truth(effects=["wind"]), said, 0).statements
-    assert [(s.effect, s.right, s.probability) for s in statements] == [("wind", True, 0.97), ("imu_bias", False, None)]
-    (row,) = reliability.statements({"group": "single", "judgement": {"statements": [asdict(s) for s in statements]}})
+    assert [(s.effect, s.right, s.probability) for s in statements] == [
+        ("wind", True, 0.97),
+        ("imu_bias", False, None),
+    ]
+    (row,) = reliability.statements(
+        {"group": "single", "judgement": {"statements": [asdict(s) for s in statements]}}
+    )
     assert (row.kind, row.basis, row.right) == ("simulated", reliability.PROBABILITY, True)

@@ -32,7 +32,9 @@ def every_effect():
     jobs = []
     for k, name in enumerate(names):
         kind = (CATALOGUE | UNLISTED).get(name)
-        jobs.append(Job(k, HOVER, {name: kind.draw(np.random.default_rng(k), TANDEM)} if kind else {}))
+        jobs.append(
+            Job(k, HOVER, {name: kind.draw(np.random.default_rng(k), TANDEM)} if kind else {})
+        )
     return dict(zip(names, range(len(names)), strict=True)), fly(TANDEM, jobs)
 
 
@@ -66,7 +68,9 @@ def test_every_catalogue_name_of_the_contract_is_flown():
     assert sum(s.group == "unlisted" for s in scenarios(1)) >= 6
 
 
-@pytest.mark.parametrize(("name", "axis", "newtons"), [("payload", 2, 0.0), ("imu_bias", 0, 0.1), ("wind", 0, 0.05)])
+@pytest.mark.parametrize(
+    ("name", "axis", "newtons"), [("payload", 2, 0.0), ("imu_bias", 0, 0.1), ("wind", 0, 0.05)]
+)
 def test_effects_show_on_their_axes(every_effect, name, axis, newtons):
     index, tape = every_effect
     seen = np.abs(tape.effect[:, :, index[name]]).mean(axis=0)
@@ -82,16 +86,22 @@ def test_a_lump_attached_shows_as_missing_thrust_of_its_own_weight():
 
 def test_thrust_scale_is_exactly_its_share_of_lift():
     tape = fly(TANDEM, [Job(3, HOVER, {"thrust_scale": {"share": -0.04}})])
-    assert tape.effect[:, 2, 0].mean() == pytest.approx(0.04 / 0.96 * TANDEM.mass_kg * GRAVITY, rel=0.1)
+    assert tape.effect[:, 2, 0].mean() == pytest.approx(
+        0.04 / 0.96 * TANDEM.mass_kg * GRAVITY, rel=0.1
+    )
 
 
 def test_glauert_reduces_to_hover_and_to_the_climb_solution():
     thrust = np.array([20.0])
     hover = np.sqrt(thrust / (2 * RHO0 * TANDEM.area))
-    assert rotor_flow.induced(TANDEM, thrust, np.zeros(1), np.zeros(1)) == pytest.approx(hover, rel=1e-3)
+    assert rotor_flow.induced(TANDEM, thrust, np.zeros(1), np.zeros(1)) == pytest.approx(
+        hover, rel=1e-3
+    )
     climb = 3.0
     exact = -climb / 2 + np.sqrt(climb**2 / 4 + hover**2)
-    assert rotor_flow.induced(TANDEM, thrust, np.zeros(1), np.full(1, climb)) == pytest.approx(exact, rel=1e-2)
+    assert rotor_flow.induced(TANDEM, thrust, np.zeros(1), np.full(1, climb)) == pytest.approx(
+        exact, rel=1e-2
+    )
 
 
 def test_climbing_costs_thrust_and_drag_opposes_motion():
@@ -100,7 +110,9 @@ def test_climbing_costs_thrust_and_drag_opposes_motion():
     up = rotor_flow.thrust_ratio(TANDEM, rpm, zero, np.ones(1))
     assert 0.9 < up[0] < 0.99
     assert rotor_flow.thrust_ratio(TANDEM, rpm, zero, zero)[0] == pytest.approx(1.0, abs=2e-3)
-    fx, fy = rotor_flow.side_force(TANDEM, np.array([22.5]), rpm, np.array([0.5]), np.array([-0.2]), zero, np.ones(1))
+    fx, fy = rotor_flow.side_force(
+        TANDEM, np.array([22.5]), rpm, np.array([0.5]), np.array([-0.2]), zero, np.ones(1)
+    )
     assert fx[0] < 0.0 < fy[0]
 
 
@@ -136,7 +148,11 @@ def test_the_table_is_a_data_set_of_the_contract(tmp_path):
 @pytest.mark.parametrize("by_servo", [False, True])
 def test_vehicle_files_are_accepted(tmp_path, craft, by_servo):
     path = tmp_path / "v.toml"
-    path.write_text(vehicle_toml(craft, rangers(craft, ceiling=True, front=True), by_servo=by_servo, mass_factor=0.7))
+    path.write_text(
+        vehicle_toml(
+            craft, rangers(craft, ceiling=True, front=True), by_servo=by_servo, mass_factor=0.7
+        )
+    )
     vehicle = load_vehicle(path)
     assert vehicle.mass_kg == pytest.approx(0.7 * craft.mass_kg)
     assert vehicle.telemetered is not by_servo
@@ -160,8 +176,14 @@ def test_a_tlog_holds_what_was_flown(tmp_path):
     assert len(kinds["HIGHRES_IMU"]) == len(kinds["ATTITUDE"]) == 100
     assert len(kinds["LOCAL_POSITION_NED"]) == 50
     assert np.mean([m.zacc for m in kinds["HIGHRES_IMU"]]) == pytest.approx(-GRAVITY, abs=0.3)
-    assert np.mean([m.rpm[0] for m in kinds["ESC_TELEMETRY_1_TO_4"]]) == pytest.approx(4000, rel=0.05)
-    down = [m.current_distance for m in kinds["DISTANCE_SENSOR"] if m.orientation == 25 and m.signal_quality > 1]
+    assert np.mean([m.rpm[0] for m in kinds["ESC_TELEMETRY_1_TO_4"]]) == pytest.approx(
+        4000, rel=0.05
+    )
+    down = [
+        m.current_distance
+        for m in kinds["DISTANCE_SENSOR"]
+        if m.orientation == 25 and m.signal_quality > 1
+    ]
     assert np.median(down) == pytest.approx(95, abs=10)  # cm from a sensor 5 cm below a CG at 1 m
 
 

@@ -26,7 +26,11 @@ def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, float]):
     fits = {frozenset(names): fit(names, score) for names, score, _ in sets}
     walked = Walked(None, fits, max(fits.values(), key=lambda f: f.score))
     flight = SimpleNamespace(energy=lambda energy: energy)
-    monkeypatch.setattr(results, "flight_fits", lambda _, f: [SimpleNamespace(after=left[f.key], energy=flight.energy)])
+    monkeypatch.setattr(
+        results,
+        "flight_fits",
+        lambda _, f: [SimpleNamespace(after=left[f.key], energy=flight.energy)],
+    )
     answer = results._predictive(walked)
     return answer.best.key, set(answer.fits)
 
@@ -51,7 +55,9 @@ def test_one_effect_more_is_no_rival(monkeypatch):
 
 
 def test_an_unlikely_set_is_not_asked(monkeypatch):
-    best, _ = chosen(monkeypatch, (("wind",), 0.0, 400.0), (("rotor_drag",), -1.0 - results.NEAR, 80.0))
+    best, _ = chosen(
+        monkeypatch, (("wind",), 0.0, 400.0), (("rotor_drag",), -1.0 - results.NEAR, 80.0)
+    )
     assert best == {"wind"}
 
 

@@ -37,8 +37,12 @@ def test_a_log_under_another_name_is_known_by_its_content(tmp_path, name):
     assert len(log.attitude) > 150
     path.write_bytes(ulg_flight())
     assert suffix_of(path) == ".ulg"
-    frames = [mav.attitude_quaternion_encode(20 * k, 1, 0, 0, 0, 0, 0, 0).pack(mav) for k in range(5)]
-    path.write_bytes(b"".join((10**15 + 20_000 * k).to_bytes(8, "big") + raw for k, raw in enumerate(frames)))
+    frames = [
+        mav.attitude_quaternion_encode(20 * k, 1, 0, 0, 0, 0, 0, 0).pack(mav) for k in range(5)
+    ]
+    path.write_bytes(
+        b"".join((10**15 + 20_000 * k).to_bytes(8, "big") + raw for k, raw in enumerate(frames))
+    )
     assert suffix_of(path) == ".tlog"
     path.write_bytes(b"".join(frames))
     with pytest.raises(LogError, match="no known log format"):
@@ -217,9 +221,16 @@ def px4(path, outputs, parameters, functions=()):
     for k in range(100):
         w.row("vehicle_attitude", 20_000_000 + 20_000 * k, 1.0, 0.0, 0.0, 0.0)
         for i, values in enumerate(outputs):
-            w.row(f"actuator_outputs:{i}", 20_000_000 + 20_000 * k, *values, *[0.0] * (16 - len(values)))
+            w.row(
+                f"actuator_outputs:{i}",
+                20_000_000 + 20_000 * k,
+                *values,
+                *[0.0] * (16 - len(values)),
+            )
         w.row(
-            "esc_status", 20_000_000 + 20_000 * k, *(v for i, f in enumerate(functions) for v in (1000.0 * (i + 1), f))
+            "esc_status",
+            20_000_000 + 20_000 * k,
+            *(v for i, f in enumerate(functions) for v in (1000.0 * (i + 1), f)),
         )
     path.write_bytes(w.bytes())
     return load(path)[0]
@@ -239,7 +250,9 @@ _ESC_FIELDS = (("float", "esc_rpm"), ("uint8_t", "actuator_function"))
         ([[1200.0, 1800.0]], {"PWM_AUX_FUNC1": 101, "PWM_AUX_MIN1": 1100, "PWM_AUX_MAX1": 1900}, (1100.0, 1900.0)),
     ],
 )  # fmt: skip
-def test_outputs_of_px4_are_as_sent_and_have_the_range_of_their_driver(tmp_path, outputs, parameters, full):
+def test_outputs_of_px4_are_as_sent_and_have_the_range_of_their_driver(
+    tmp_path, outputs, parameters, full
+):
     log = px4(tmp_path / "outputs.ulg", outputs, parameters)
     assert log.servo.values[0, :2] == pytest.approx(outputs[-1])
     assert pwm_range(log.parameters, 1, log.motor_outputs.group)[:2] == full
@@ -247,4 +260,9 @@ def test_outputs_of_px4_are_as_sent_and_have_the_range_of_their_driver(tmp_path,
 
 def test_an_esc_of_px4_is_the_motor_that_its_function_names(tmp_path):
     log = px4(tmp_path / "escs.ulg", [[1500.0]], {}, functions=(102, 104, 101, 103))
-    assert {esc: e.rpm.values[0, 0] for esc, e in log.escs.items()} == {1: 3000.0, 2: 1000.0, 3: 4000.0, 4: 2000.0}
+    assert {esc: e.rpm.values[0, 0] for esc, e in log.escs.items()} == {
+        1: 3000.0,
+        2: 1000.0,
+        3: 4000.0,
+        4: 2000.0,
+    }

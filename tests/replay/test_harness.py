@@ -56,7 +56,9 @@ def live(messages, path, config, cuts):
                 if decision is not None:
                     decisions.append(decision)
                     # What is sent is recorded too, and must not be taken for input.
-                    out = mavlink.MAVLink_set_attitude_target_message(1, 1, 1, 7, (1, 0, 0, 0), 0, 0, 0, 0.5)
+                    out = mavlink.MAVLink_set_attitude_target_message(
+                        1, 1, 1, 7, (1, 0, 0, 0), 0, 0, 0, 0.5
+                    )
                     recorder.write(arrival + 1, frame(out, 1, 191))
     return decisions
 
@@ -70,12 +72,18 @@ def live(messages, path, config, cuts):
 )
 def test_replay_decides_what_flight_decided(tmp_path_factory, seed, cuts, px4, base):
     rng = random.Random(seed)
-    messages = flight(1.6, px4=px4, start_ms=rng.randrange(1, 2**32))  # the clock may wrap on the way
+    messages = flight(
+        1.6, px4=px4, start_ms=rng.randrange(1, 2**32)
+    )  # the clock may wrap on the way
     upstream = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, (1, 0, 0, 0), 0, 0, 0, 0.5)
     messages += [(messages[0][0] + 20_000 * k + 7, frame(upstream, 255, 190)) for k in range(80)]
     messages.sort(key=lambda item: item[0])
     # Late and lost messages, a reboot now and then.
-    messages = [(a + rng.randrange(0, 3000), raw) for a, raw in messages if rng.random() > 0.05 or cut(raw, 0).id == 0]
+    messages = [
+        (a + rng.randrange(0, 3000), raw)
+        for a, raw in messages
+        if rng.random() > 0.05 or cut(raw, 0).id == 0
+    ]
     if rng.random() < 0.5:
         messages += flight(1.0, px4=px4, start_ms=900, arrival_us=messages[-1][0] + 4_000_000)
     config = dataclasses.replace(CONFIG, base=base)
@@ -99,8 +107,12 @@ def test_assumed_parameters_hold_until_the_log_tells():
     told = flight(2.0)
 
     def held(messages, assumed):
-        reasons = [{r.name for r in d.reasons} for d in Replay(CONFIG, None, assumed).decisions(messages)]
-        return any("THRUST_IS_CLIMB_RATE" in r for r in reasons), any("THRUST_UNKNOWN" in r for r in reasons[60:])
+        reasons = [
+            {r.name for r in d.reasons} for d in Replay(CONFIG, None, assumed).decisions(messages)
+        ]
+        return any("THRUST_IS_CLIMB_RATE" in r for r in reasons), any(
+            "THRUST_UNKNOWN" in r for r in reasons[60:]
+        )
 
     assert held(silent, {}) == (False, True)
     assert held(silent, {"GUID_OPTIONS": 8.0}) == (False, False)

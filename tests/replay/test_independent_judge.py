@@ -16,8 +16,16 @@ def truth(lag=0.0, payload_moment=0.0, group="single", **sizes):
 
 def answer(*names, verdict="explained", aliases=(), explains=0.5, before=0.5, **more):
     effects = [{"name": n, "axes": ["Fz"], "explains": explains} for n in names]
-    axes = {a: {"rms_before": before, "rms_after": 0.1, "unit": "N" if a[0] == "F" else "N m"} for a in AXES}
-    return {"verdict": verdict, "effects": effects, "aliases": [list(a) for a in aliases], "axes": axes} | more
+    axes = {
+        a: {"rms_before": before, "rms_after": 0.1, "unit": "N" if a[0] == "F" else "N m"}
+        for a in AXES
+    }
+    return {
+        "verdict": verdict,
+        "effects": effects,
+        "aliases": [list(a) for a in aliases],
+        "axes": axes,
+    } | more
 
 
 def test_needed_effects_are_to_be_named_and_small_ones_may():
@@ -33,13 +41,17 @@ def test_needed_effects_are_to_be_named_and_small_ones_may():
 def test_a_small_effect_in_a_large_size_is_wrong():
     flight = truth(wind=0.05, thrust_scale=0.005)
     assert claimed_size({"explains": 0.64, "axes": ["Fz"]}, flight, answer(before=1.0)) == 0.08
-    assert judge(flight, answer("wind", "thrust_scale", explains=0.64, before=1.0)).wrong == ("thrust_scale",)
+    assert judge(flight, answer("wind", "thrust_scale", explains=0.64, before=1.0)).wrong == (
+        "thrust_scale",
+    )
 
 
 def test_an_alias_counts_where_physics_allows_it_and_the_answer_says_it():
     flight = truth(payload=0.06)
     assert not judge(flight, answer("thrust_scale")).right
-    said = judge(flight, answer("thrust_scale", aliases=[("payload", "thrust_scale", "air_density")]))
+    said = judge(
+        flight, answer("thrust_scale", aliases=[("payload", "thrust_scale", "air_density")])
+    )
     assert said.right
     assert not said.exact
     assert said.named == ("payload",)
@@ -59,7 +71,9 @@ def test_what_an_effect_contains_may_come_along():
 def test_a_lag_is_needed_only_beyond_a_constant_delay():
     assert judge(truth(motor_lag=0.03), answer(verdict="nothing_missing")).right
     assert judge(truth(motor_lag=0.03), answer("motor_lag")).right
-    assert judge(truth(motor_lag=0.03, lag=0.025), answer(verdict="nothing_missing")).missed == ("motor_lag",)
+    assert judge(truth(motor_lag=0.03, lag=0.025), answer(verdict="nothing_missing")).missed == (
+        "motor_lag",
+    )
 
 
 def test_a_force_in_no_catalogue_may_not_be_explained_away():
@@ -79,7 +93,9 @@ def test_a_null_is_right_without_wrong_names_and_silent_without_any():
     assert named.right
     assert not named.silent
     assert not judge(null, answer(verdict="unexplained")).right
-    assert judge(truth(wall_effect=0.015), answer(verdict="unexplained")).right  # something small is there
+    assert judge(
+        truth(wall_effect=0.015), answer(verdict="unexplained")
+    ).right  # something small is there
 
 
 def test_no_answer_misses_everything():

@@ -53,8 +53,12 @@ def fly(frame, conditions, plan=None, seconds=8.0, seed=1):
 @FRAMES
 def test_blades_and_momentum_agree_on_the_hover_thrust(frame):
     still, omega = np.zeros(1), np.full(1, frame.hover_speed)
-    assert rotor.settled_thrust(frame, omega, still, still, RHO0) == pytest.approx(frame.hover_thrust, rel=1e-6)
-    assert rotor.settled_inflow(frame, omega, still, still, RHO0) == pytest.approx(frame.hover_inflow, rel=1e-6)
+    assert rotor.settled_thrust(frame, omega, still, still, RHO0) == pytest.approx(
+        frame.hover_thrust, rel=1e-6
+    )
+    assert rotor.settled_inflow(frame, omega, still, still, RHO0) == pytest.approx(
+        frame.hover_inflow, rel=1e-6
+    )
 
 
 @FRAMES
@@ -76,8 +80,16 @@ def test_in_axial_climb_the_inflow_is_the_closed_form_of_momentum_theory():
 
 def test_climbing_costs_thrust_and_forward_flight_gives_some():
     omega, none = np.full(1, LIFTER.hover_speed), np.zeros(1)
-    assert 0.90 < rotor.settled_thrust(LIFTER, omega, np.ones(1), none, RHO0)[0] / LIFTER.hover_thrust < 0.98
-    assert 1.02 < rotor.settled_thrust(LIFTER, omega, none, np.full(1, 9.0), RHO0)[0] / LIFTER.hover_thrust < 1.10
+    assert (
+        0.90
+        < rotor.settled_thrust(LIFTER, omega, np.ones(1), none, RHO0)[0] / LIFTER.hover_thrust
+        < 0.98
+    )
+    assert (
+        1.02
+        < rotor.settled_thrust(LIFTER, omega, none, np.full(1, 9.0), RHO0)[0] / LIFTER.hover_thrust
+        < 1.10
+    )
 
 
 # --- Surfaces ---------------------------------------------------------------------------------------------------------
@@ -117,10 +129,14 @@ def test_a_disc_over_an_edge_is_covered_in_part():
 
 @FRAMES
 def test_the_nominal_voltage_at_the_hover_duty_turns_the_rotor_at_hover_speed(frame):
-    assert power.steady_speed(frame, np.array(frame.hover_duty * frame.nominal_v)) == pytest.approx(frame.hover_speed)
+    assert power.steady_speed(frame, np.array(frame.hover_duty * frame.nominal_v)) == pytest.approx(
+        frame.hover_speed
+    )
     curve = power.calibrated(frame)
     u = np.linspace(0.4, 0.7, 7)
-    assert curve.thrust(u) == pytest.approx(power.steady_thrust(frame, u, np.full(7, frame.nominal_v)), rel=0.02)
+    assert curve.thrust(u) == pytest.approx(
+        power.steady_thrust(frame, u, np.full(7, frame.nominal_v)), rel=0.02
+    )
 
 
 @FRAMES
@@ -137,7 +153,9 @@ def test_a_bent_curve_keeps_the_hover_thrust_and_changes_its_slope():
     u = true.output(np.array(RACER.hover_thrust))
     assert bent.thrust(u) == pytest.approx(RACER.hover_thrust)
     step = 1e-5
-    ratio = (bent.thrust(u + step) - bent.thrust(u - step)) / (true.thrust(u + step) - true.thrust(u - step))
+    ratio = (bent.thrust(u + step) - bent.thrust(u - step)) / (
+        true.thrust(u + step) - true.thrust(u - step)
+    )
     assert ratio == pytest.approx(1.3, rel=1e-4)
     assert bent.output(bent.thrust(np.array(0.6))) == pytest.approx(0.6)
 
@@ -148,7 +166,10 @@ def test_a_battery_sags_under_load_recovers_and_loses_more_charge_to_large_curre
     for _ in range(600):
         pack.draw(np.array([20.0]), 0.1)
     assert pack.volts(np.array([20.0])) < pack.volts(np.zeros(1)) < rest
-    slow, fast = (power.Pack(4, np.array([3600.0]), np.array([0.02]), np.array([0.9]), np.zeros(1)) for _ in "ab")
+    slow, fast = (
+        power.Pack(4, np.array([3600.0]), np.array([0.02]), np.array([0.9]), np.zeros(1))
+        for _ in "ab"
+    )
     slow.draw(np.array([1.0]), 200.0)
     fast.draw(np.array([20.0]), 10.0)
     assert fast.charge < slow.charge
@@ -158,7 +179,9 @@ def test_a_battery_sags_under_load_recovers_and_loses_more_charge_to_large_curre
 
 
 def tumbling(frame, c):
-    flight = Flight(frame, [Sortie(1, c, reference([Target(2.0, 0.0, 0.0, 2.0)], 2.0, DT))], 2.0, warm_up_s=0.0)
+    flight = Flight(
+        frame, [Sortie(1, c, reference([Target(2.0, 0.0, 0.0, 2.0)], 2.0, DT))], 2.0, warm_up_s=0.0
+    )
     x = np.zeros((13 + frame.count, 1))
     x[6], x[10:13, 0], x[13:] = 1.0, (1.0, -0.7, 1.5), frame.hover_speed
     R = loads.rotation(x[6:10])
@@ -174,7 +197,9 @@ def test_without_air_and_current_the_vehicle_falls_freely_and_keeps_energy_and_m
     spin = np.array(LIFTER.spin)[:, None]
 
     def state(x):
-        own = inertia * x[10:13] + np.array([[0.0], [0.0], [(LIFTER.rotor_inertia * spin * x[13:]).sum()]])
+        own = inertia * x[10:13] + np.array(
+            [[0.0], [0.0], [(LIFTER.rotor_inertia * spin * x[13:]).sum()]]
+        )
         return loads.into_world(loads.rotation(x[6:10]), own), 0.5 * (inertia * x[10:13] ** 2).sum()
 
     momentum, energy = state(x)
@@ -207,7 +232,9 @@ def test_a_step_is_reached_and_held_with_slow_motors_too():
         assert quick.position[:, -1] == pytest.approx([0.8, -0.5, -2.2], abs=0.05)
         assert late.position[:, -1] == pytest.approx([0.8, -0.5, -2.2], abs=0.2)
         w, x, y, z = late.quaternion[:, -1]
-        assert np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(0.6, abs=0.05)
+        assert np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(
+            0.6, abs=0.05
+        )
 
 
 @pytest.mark.slow
@@ -241,7 +268,9 @@ def flown():
     names = ["null", *SOME]
     conditions = [CALM, *SOME.values()]
     tracks = fly(LIFTER, conditions, MOVING, 14.0)
-    return {n: (c, t, explain(LIFTER, c, t)) for n, c, t in zip(names, conditions, tracks, strict=True)}
+    return {
+        n: (c, t, explain(LIFTER, c, t)) for n, c, t in zip(names, conditions, tracks, strict=True)
+    }
 
 
 @pytest.mark.slow
@@ -258,7 +287,11 @@ def test_the_parts_add_up_to_what_sensors_and_model_differ_by(flown):
 def test_an_effect_made_large_is_large_in_its_own_flight_only(flown, name):
     own = sizes(LIFTER, flown[name][2])[name]
     assert own >= 0.02
-    others = [sizes(LIFTER, parts)[name] for flight, (_, _, parts) in flown.items() if flight not in (name, "wind")]
+    others = [
+        sizes(LIFTER, parts)[name]
+        for flight, (_, _, parts) in flown.items()
+        if flight not in (name, "wind")
+    ]
     assert max(others) < 0.7 * own
 
 
@@ -270,7 +303,11 @@ def test_least_squares_on_sensed_data_recovers_each_size(flown, name):
     seen = sense(LIFTER, c, track, (DOWN,), 7)
     thrust = LIFTER.hover_thrust * (seen.rpm / LIFTER.hover_rpm) ** 2
     force, moment = loads.from_rotors(LIFTER, thrust, np.zeros((2, *thrust.shape)))
-    moment[2] -= (np.array(LIFTER.spin)[:, None] * thrust).sum(axis=0) * LIFTER.hover_torque / LIFTER.hover_thrust
+    moment[2] -= (
+        (np.array(LIFTER.spin)[:, None] * thrust).sum(axis=0)
+        * LIFTER.hover_torque
+        / LIFTER.hover_thrust
+    )
     inertia = np.array(LIFTER.inertia)[:, None]
     turning = np.gradient(low_pass(seen.gyro, 8.0, DT), DT, axis=1)
     spun = inertia * turning + loads.cross(seen.gyro, inertia * seen.gyro)
@@ -336,7 +373,10 @@ def logged(track, seed, path):
 
 @pytest.mark.slow
 def test_the_same_seed_writes_the_same_bytes(hovered, tmp_path):
-    a, b, c = (logged(hovered, seed, tmp_path / f"{k}.tlog").read_bytes() for k, seed in enumerate((5, 5, 6)))
+    a, b, c = (
+        logged(hovered, seed, tmp_path / f"{k}.tlog").read_bytes()
+        for k, seed in enumerate((5, 5, 6))
+    )
     assert a == b
     assert a != c
 

@@ -40,7 +40,9 @@ def test_rates_gaps_and_share_of_good_readings(tmp_path, capsys):
     assert streams["attitude"]["gaps"] == 1
     assert streams["attitude"]["longest_gap_s"] == pytest.approx(2.0, abs=0.05)
     assert streams["position"]["gaps"] == 0
-    assert streams["range right"]["share_good"] == pytest.approx(0.9, abs=0.05)  # every tenth reads too far
+    assert streams["range right"]["share_good"] == pytest.approx(
+        0.9, abs=0.05
+    )  # every tenth reads too far
     assert streams["rotor speed 1"]["rate_hz"] == pytest.approx(25.0, abs=1.0)
 
 
@@ -81,7 +83,11 @@ def test_every_quantity_names_the_message_that_it_came_from(tmp_path, capsys):
     write_tlog(tmp_path / "px4.tlog", flight(5.0, px4=True))
     _, answers, _ = info(capsys, tmp_path / "a.tlog", tmp_path / "px4.tlog")
     ardupilot, px4 = (by_name(answer["boots"][0]) for answer in answers)
-    assert ardupilot["rotor speed 2"]["source"] == ardupilot["ESC temperature 2"]["source"] == "ESC_TELEMETRY_1_TO_4"
+    assert (
+        ardupilot["rotor speed 2"]["source"]
+        == ardupilot["ESC temperature 2"]["source"]
+        == "ESC_TELEMETRY_1_TO_4"
+    )
     assert px4["rotor speed 2"]["source"] == "ESC_STATUS"
     assert px4["ESC temperature 2"]["source"] == "ESC_INFO"
 

@@ -1,13 +1,16 @@
 """Logs of any length: a diagnosis takes them in stretches, and boots cost what they hold."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from log_writers import EPOCH_US, BinWriter, bin_flight, flight, ulg_flight, write_tlog
 
+from models.errors import LogError
 from replay import flightlog
 from replay.diagnosis.stretches import MOST_S, Stretches
+from replay.logs import memory
 from replay.logs.formats import load
 from replay.logs.tlog import Tlog
 
@@ -35,12 +38,19 @@ def test_stretches_hold_every_sample_once(long):
         series = [getattr(part, name) for part in parts]
         whole = getattr(long, name)
         assert np.array_equal(np.concatenate([s.t_s for s in series]), whole.t_s)
-        assert np.array_equal(np.concatenate([s.values for s in series]), whole.values, equal_nan=True)
+        assert np.array_equal(
+            np.concatenate([s.values for s in series]), whole.values, equal_nan=True
+        )
     assert sum(len(p.imus[0].specific_force) for p in parts) == len(long.imus[0].specific_force)
     for number, esc in long.escs.items():
         assert sum(len(p.escs[number].rpm) for p in parts) == len(esc.rpm)
     for beam in long.beams:
-        own = [b for p in parts for b in p.beams if (b.sensor_id, b.name) == (beam.sensor_id, beam.name)]
+        own = [
+            b
+            for p in parts
+            for b in p.beams
+            if (b.sensor_id, b.name) == (beam.sensor_id, beam.name)
+        ]
         assert sum((b.verdicts for b in own), ()) == beam.verdicts
         assert sum(len(b.distance) for b in own) == len(beam.distance)
 
@@ -102,7 +112,11 @@ def test_boots_cost_what_they_hold(tmp_path, monkeypatch):
         path = tmp_path / f"{boots}.tlog"
         write_tlog(
             path,
-            [item for k in range(boots) for item in flight(2.0, start_ms=5_000, arrival_us=EPOCH_US + 10_000_000 * k)],
+            [
+                item
+                for k in range(boots)
+                for item in flight(2.0, start_ms=5_000, arrival_us=EPOCH_US + 10_000_000 * k)
+            ],
         )
         looked_at = 0
         assert len(load(path)) == boots
@@ -174,3 +188,31 @@ def test_stamps_of_another_century_hinder_nothing(tmp_path, arrival_us):
     assert len(log.attitude) == 250
     assert log.start_s == pytest.approx(40.0)
     assert not log.summary.notes
+
+
+@pytest.mark.parametrize("suffix", [".tlog", ".bin", ".ulg"])
+def test_a_log_for_which_memory_is_too_small_is_refused_before_it_is_read(
+    suffix, tmp_path, monkeypatch
+):
+    """Two gigabytes that take no place on the disk."""
+    path = tmp_path / f"huge{suffix}"
+    with path.open("wb") as file:
+        file.truncate(2_000_000_000)
+    monkeypatch.setattr("replay.logs.files.free_bytes", lambda: 4e9)
+    monkeypatch.setattr(Path, "read_bytes", lambda _: pytest.fail("was read"))
+    with pytest.raises(
+        LogError, match="2 GB of log need some 12 GB of memory, 4 GB are free: cut it into parts"
+    ):
+        load(path)
+
+
+def test_memory_is_that_of_the_container_and_of_the_process(tmp_path, monkeypatch):
+    assert 1e8 < memory.free_bytes() < 1e14
+    (tmp_path / "memory.max").write_text("3000000000\n")
+    (tmp_path / "memory.current").write_text("2500000000\n")
+    (tmp_path / "memory.stat").write_text("anon 1\ninactive_file 400000000\n")
+    monkeypatch.setattr(memory, "_GROUP", tmp_path)
+    monkeypatch.setattr(memory, "_MEMORY", tmp_path / "none")
+    assert memory.free_bytes() == 900_000_000
+    (tmp_path / "memory.max").write_text("max\n")
+    assert memory.free_bytes() > 900_000_000

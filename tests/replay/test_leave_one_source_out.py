@@ -60,7 +60,9 @@ def test_what_no_module_has_is_refused_by_name(word):
 
 
 def test_every_setting_is_one_that_the_search_has_and_changes_it():
-    modules = [import_module(f"replay.search.{m.name}") for m in iter_modules(replay.search.__path__)]
+    modules = [
+        import_module(f"replay.search.{m.name}") for m in iter_modules(replay.search.__path__)
+    ]
     for setting in (*held.SETTINGS, *held.RULES):
         settings = parse(setting.split())
         with used(settings):
@@ -82,6 +84,8 @@ def test_what_a_rule_gains_is_said_by_source():
 @pytest.mark.slow
 def test_a_flight_is_asked_with_the_setting(tmp_path):
     """The command's own answer to a log that is not there: the settings do not stand in its way."""
-    asked = ask([tmp_path / "none.tlog"], tmp_path / "none.toml", "none", 900.0, settings=["TRUST=0.25"])
+    asked = ask(
+        [tmp_path / "none.tlog"], tmp_path / "none.toml", "none", 900.0, settings=["TRUST=0.25"]
+    )
     assert asked.exit_code == 2
     assert "none.toml" in asked.complaint

@@ -31,7 +31,9 @@ def flown() -> Motion:
 
 def by_outputs(vehicle: Vehicle = QUADROTOR) -> Vehicle:
     """The same vehicle, its thrust declared by servo outputs as ``logged`` writes them: a quadratic curve."""
-    fans = tuple(replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in vehicle.fans)
+    fans = tuple(
+        replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in vehicle.fans
+    )
     most = vehicle.mass_kg * 9.80665 / len(fans) / 0.45**2
     return replace(vehicle, fans=fans, throttle=Throttle(most, 1.0, 1000.0, 2000.0, 16.0))
 
@@ -39,7 +41,9 @@ def by_outputs(vehicle: Vehicle = QUADROTOR) -> Vehicle:
 def fans_at(places: tuple[int, ...]) -> Vehicle:
     """The quadrotor with fan ``k`` declared where fan ``places[k]`` is."""
     fans = QUADROTOR.fans
-    moved = tuple(replace(f, position_m=fans[p].position_m) for f, p in zip(fans, places, strict=True))
+    moved = tuple(
+        replace(f, position_m=fans[p].position_m) for f, p in zip(fans, places, strict=True)
+    )
     return replace(QUADROTOR, fans=moved)
 
 
@@ -56,7 +60,12 @@ def imu(log: FlightLog, force: Callable | None = None, gyro: Callable | None = N
         return series if change is None else replace(series, values=change(series.values))
 
     return replace(
-        log, imus=(replace(old, specific_force=other(old.specific_force, force), gyro=other(old.gyro, gyro)),)
+        log,
+        imus=(
+            replace(
+                old, specific_force=other(old.specific_force, force), gyro=other(old.gyro, gyro)
+            ),
+        ),
     )
 
 
@@ -106,7 +115,9 @@ def derived(log: FlightLog) -> FlightLog:
     assert log.velocity is not None
     t, v = log.velocity.t_s, log.velocity.values
     padded = np.pad(v, ((2, 2), (0, 0)), "edge")
-    smooth = np.stack([np.convolve(padded[:, a], np.ones(5) / 5.0, "valid") for a in range(3)], axis=1)
+    smooth = np.stack(
+        [np.convolve(padded[:, a], np.ones(5) / 5.0, "valid") for a in range(3)], axis=1
+    )
     rate = np.gradient(smooth, t, axis=0) - np.array([0.0, 0.0, 9.81])
     rotation = rotation_from_quaternion(log.attitude.values)
     return imu(log, force=lambda _: np.einsum("nji,nj->ni", rotation, rate))
@@ -126,7 +137,10 @@ def slow(log: FlightLog) -> FlightLog:
     for k in (1, 2, 3, 4):
         old = log.escs[k].rpm
         assert old is not None
-        log = replace(log, escs={**log.escs, k: replace(log.escs[k], rpm=Series(old.t_s[::18], old.values[::18]))})
+        log = replace(
+            log,
+            escs={**log.escs, k: replace(log.escs[k], rpm=Series(old.t_s[::18], old.values[::18]))},
+        )
     return log
 
 
@@ -173,11 +187,15 @@ def test_a_frame_that_shakes_faster_than_it_is_logged_has_no_faulty_gyro(flown: 
     half = np.column_stack([np.ones(len(flown.t)), turned / hertz / 2.0])
     w, x, y, z = flown.quaternion.T
     product = np.stack([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-    frame = replace(flown, quaternion=np.einsum("ijn,nj->ni", product, half), rates=flown.rates + rate)
+    frame = replace(
+        flown, quaternion=np.einsum("ijn,nj->ni", product, half), rates=flown.rates + rate
+    )
     shaken = logged(frame, QUADROTOR, Path("a.tlog"))
     assert not build_record(rarely_logged(shaken), QUADROTOR, None).faults
     dead = imu(shaken, gyro=lambda g: g * np.array([0.0, 1.0, 1.0]))
-    assert [f.channel for f in build_record(rarely_logged(dead), QUADROTOR, None).faults] == ["p_rad_s"]
+    assert [f.channel for f in build_record(rarely_logged(dead), QUADROTOR, None).faults] == [
+        "p_rad_s"
+    ]
 
 
 def test_fans_exchanged_in_a_calm_flight_are_found(flown):
@@ -238,7 +256,9 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_is_found_said_and_left_out(kind, flown):
     fault = KINDS[kind]
-    record = build_record(fault.make(logged(flown, QUADROTOR, Path(f"{kind}.tlog"))), fault.vehicle, None)
+    record = build_record(
+        fault.make(logged(flown, QUADROTOR, Path(f"{kind}.tlog"))), fault.vehicle, None
+    )
     said = [f.what for f in record.faults if f.channel == fault.channel]
     assert any(fault.words in what for what in said), record.faults
     assert record.axes == fault.axes
@@ -249,7 +269,10 @@ def test_a_fault_is_found_said_and_left_out(kind, flown):
 def test_a_lift_that_never_flew_is_said_once(flown):
     """A log whose lift is not judged at all is not told again how far the model is from it."""
     log = logged(flown, QUADROTOR, Path("a.tlog"))
-    heavier, heavy = replace(QUADROTOR, mass_kg=1.8 * QUADROTOR.mass_kg), replace(QUADROTOR, mass_kg=9.0)
+    heavier, heavy = (
+        replace(QUADROTOR, mass_kg=1.8 * QUADROTOR.mass_kg),
+        replace(QUADROTOR, mass_kg=9.0),
+    )
     for vehicle in (heavy, heavier):
         record = build_record(log, vehicle, None)
         said = [f.what for f in record.faults] + [f["what"] for f in model_faults([record], None)]
@@ -261,7 +284,11 @@ def test_a_short_flight_mostly_at_full_command_is_judged_and_time_left_out_has_i
 
     def first_seconds(log: FlightLog, seconds: float) -> FlightLog:
         def cut(series: Series | None) -> Series | None:
-            return None if series is None else Series(*(x[series.t_s < seconds] for x in (series.t_s, series.values)))
+            return (
+                None
+                if series is None
+                else Series(*(x[series.t_s < seconds] for x in (series.t_s, series.values)))
+            )
 
         (one,) = log.imus
         return replace(
@@ -278,7 +305,9 @@ def test_a_short_flight_mostly_at_full_command_is_judged_and_time_left_out_has_i
     assert short.servo is not None
     values = short.servo.values.copy()
     values[len(values) * 55 // 100 :, 1] = 2000.0
-    record = build_record(replace(short, servo=replace(short.servo, values=values)), by_outputs(), None)
+    record = build_record(
+        replace(short, servo=replace(short.servo, values=values)), by_outputs(), None
+    )
     assert any("at full command" in f.what for f in record.faults)
     assert "at full command" not in {e.reason for e in record.excluded}
 
@@ -288,7 +317,9 @@ def test_a_short_flight_mostly_at_full_command_is_judged_and_time_left_out_has_i
 def test_no_fault_of_the_log_is_named_as_an_effect_of_the_vehicle(kind, flown):
     """Nothing acts in the flight but what the vehicle file says."""
     fault = KINDS[kind]
-    answer = conclude([build_record(fault.make(logged(flown, QUADROTOR, Path("a.tlog"))), fault.vehicle, None)])
+    answer = conclude(
+        [build_record(fault.make(logged(flown, QUADROTOR, Path("a.tlog"))), fault.vehicle, None)]
+    )
     assert [n.effect.name for n in answer.found] == []
     assert answer.verdict != "explained"
 
@@ -307,7 +338,9 @@ def test_after_a_crash_nothing_is_judged(flown):
     assert log.attitude is not None
     over = log.attitude.values.copy()
     over[3000:] = over[3000:][:, [1, 0, 3, 2]] * np.array([-1.0, 1.0, -1.0, 1.0])
-    record = build_record(replace(log, attitude=replace(log.attitude, values=over)), QUADROTOR, None)
+    record = build_record(
+        replace(log, attitude=replace(log.attitude, values=over)), QUADROTOR, None
+    )
     assert any("upside down from 40 s" in f.what for f in record.faults)
     assert not record.valid[record.time_s > 39.0].any()
     assert record.valid[record.time_s < 38.0].mean() > 0.9
@@ -322,7 +355,9 @@ def ended_on_the_ground(flown: Motion, rest_s: float = 15.0, off_s: float = 0.0)
         return np.concatenate([x, np.repeat(value[None], n + m, axis=0)])
 
     t = np.arange(len(flown.t) + n + m) / 100.0
-    wander = np.stack([np.convolve(rng.standard_normal(n), np.ones(60) / 8.0, "same") for _ in range(4)], axis=1)
+    wander = np.stack(
+        [np.convolve(rng.standard_normal(n), np.ones(60) / 8.0, "same") for _ in range(4)], axis=1
+    )
     running = flown.speed.mean(axis=0) * (0.85 + 0.03 * wander)
     ground = Motion(
         t, held(flown.quaternion, np.array([1.0, 0.0, 0.0, 0.0])), held(flown.rates, np.zeros(3)),
@@ -363,10 +398,16 @@ def test_gaps_of_stitched_flights_are_left_out_and_said(flown):
 
 def test_a_range_that_holds_still_with_the_vehicle_is_no_fault(flown):
     """Hovering at one height the range does not move, and must not."""
-    log = logged(replace(flown, position=flown.position * np.array([1.0, 1.0, 0.01])), QUADROTOR, Path("a.tlog"))
+    log = logged(
+        replace(flown, position=flown.position * np.array([1.0, 1.0, 0.01])),
+        QUADROTOR,
+        Path("a.tlog"),
+    )
     (beam,) = log.beams
     still = Series(beam.distance.t_s, np.full_like(beam.distance.values, 2.0))
-    held = replace(log, beams=(replace(beam, distance=still, verdicts=(RangeVerdict.OK,) * len(still)),))
+    held = replace(
+        log, beams=(replace(beam, distance=still, verdicts=(RangeVerdict.OK,) * len(still)),)
+    )
     assert build_record(held, QUADROTOR, None).faults == ()
 
 

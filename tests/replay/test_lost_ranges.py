@@ -34,7 +34,9 @@ def to_lip(lost: Array, below: Array, down: Array = LEVEL) -> tuple[Array, Array
     true = WALL_M - east(T) - 0.21
     values = np.where(lost, 60.0, np.where(below, 0.0, true))
     kinds = {(True, False): RangeVerdict.ABOVE_MAX, (False, True): RangeVerdict.BELOW_MIN}
-    verdicts = tuple(kinds.get((bool(a), bool(b)), RangeVerdict.OK) for a, b in zip(lost, below, strict=True))
+    verdicts = tuple(
+        kinds.get((bool(a), bool(b)), RangeVerdict.OK) for a, b in zip(lost, below, strict=True)
+    )
     series = Series(T, values[:, None])
     beam = Beam((0.0, 1.0, 0.0), 1, 0, RIGHT, "x", series, verdicts, 0.05, 40.0, math.nan, 0.01)
     log = FlightLog(path=None, system=1, boot=0, start_s=0.0, end_s=20.0, beams=(beam,))  # type: ignore[arg-type]

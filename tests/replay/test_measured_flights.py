@@ -11,7 +11,7 @@ import measured_flights
 import pytest
 import reliability
 from measured import answers
-from measured.judge import judge, judge_refusal
+from measured.judge import OLD_NAMES, judge, judge_refusal
 from measured.known import CATALOGUE, TABLE, Flight, Range, read, together
 
 from models.effects import catalogue
@@ -22,9 +22,18 @@ FLIGHT = Flight("source", "measured", "a/flight.tlog", "a/vehicle.toml", ("Fx", 
 
 
 def answer(*effects, verdict="explained", aliases=(), after=0.1, **more):
-    entries = [e if isinstance(e, dict) else {"name": e, "q_value": 0.01, "status": "candidate"} for e in effects]
+    entries = [
+        e if isinstance(e, dict) else {"name": e, "q_value": 0.01, "status": "candidate"}
+        for e in effects
+    ]
     axes = {a: {"rms_before": 1.0, "rms_after": after, "unit": "N"} for a in ("Fx", "Fy", "Fz")}
-    return {"verdict": verdict, "effects": entries, "aliases": [list(a) for a in aliases], "axes": axes, **more}
+    return {
+        "verdict": verdict,
+        "effects": entries,
+        "aliases": [list(a) for a in aliases],
+        "axes": axes,
+        **more,
+    }
 
 
 def verdict_on(flight, *effects, **more):
@@ -32,7 +41,10 @@ def verdict_on(flight, *effects, **more):
 
 
 def sized(name, **values):
-    return {"name": name, "parameters": {k: {"value": v, "ci95": [v, v], "unit": "1"} for k, v in values.items()}}
+    return {
+        "name": name,
+        "parameters": {k: {"value": v, "ci95": [v, v], "unit": "1"} for k, v in values.items()},
+    }
 
 
 def test_every_effect_of_the_catalogue_may_stand_in_the_table():
@@ -60,10 +72,17 @@ def test_the_logs_and_vehicle_files_are_there(shared_data):
 def test_flights_together_must_name_what_each_must_and_may_name_what_any_may():
     wind, drag = frozenset({"wind"}), frozenset({"rotor_drag"})
     one = replace(FLIGHT, must=(wind, drag), never=frozenset({"payload", "ceiling"}))
-    other = replace(FLIGHT, log="a/other.tlog", must=(drag,), never=frozenset({"payload"}), open=True)
+    other = replace(
+        FLIGHT, log="a/other.tlog", must=(drag,), never=frozenset({"payload"}), open=True
+    )
     (both,) = together([one, other, replace(FLIGHT, vehicle="b.toml")])
     assert both.logs == ("a/flight.tlog", "a/other.tlog")
-    assert (both.must, both.true, both.never, both.open) == ((drag,), wind | drag, frozenset({"payload"}), True)
+    assert (both.must, both.true, both.never, both.open) == (
+        (drag,),
+        wind | drag,
+        frozenset({"payload"}),
+        True,
+    )
 
 
 def test_what_must_be_named_is_right_when_named_and_missed_when_not():
@@ -93,7 +112,9 @@ def test_an_alias_counts_when_the_answer_says_it_and_the_table_agrees():
     flight = replace(FLIGHT, must=(frozenset({"thrust_scale"}),))
     assert verdict_on(flight, "payload", aliases=[("payload", "thrust_scale")]).right
     assert verdict_on(flight, "payload").wrong == ("payload",)
-    assert verdict_on(flight, "ceiling", aliases=[("ceiling", "thrust_scale")]).wrong == ("ceiling",)
+    assert verdict_on(flight, "ceiling", aliases=[("ceiling", "thrust_scale")]).wrong == (
+        "ceiling",
+    )
 
 
 def test_an_alias_beside_the_true_name_is_a_second_name_and_wrong():
@@ -111,7 +132,9 @@ def test_an_alias_of_an_unknown_name_is_unknown():
 
 def test_what_is_excluded_by_name_is_wrong_even_as_an_alias():
     flight = replace(FLIGHT, may=frozenset({"thrust_scale"}), never=frozenset({"payload"}))
-    assert verdict_on(flight, "payload", aliases=[("payload", "thrust_scale")]).wrong == ("payload",)
+    assert verdict_on(flight, "payload", aliases=[("payload", "thrust_scale")]).wrong == (
+        "payload",
+    )
 
 
 def test_a_size_outside_its_limits_makes_the_name_wrong_and_outside_its_tolerance_does_not():
@@ -127,6 +150,34 @@ def test_a_size_outside_its_limits_makes_the_name_wrong_and_outside_its_toleranc
     too_large = verdict_on(flight, sized("fan_imbalance", fan=3.0, scale=-0.4))
     assert too_large.right
     assert [s.right for s in too_large.sizes] == [False]
+
+
+@pytest.mark.parametrize("asked", ["sizes", "limits"])
+def test_a_size_that_the_answer_does_not_have_is_no_silent_pass(asked):
+    flight = replace(
+        FLIGHT, may=frozenset({"slung_load"}), **{asked: (Range("slung_load", "weight", 0.1, 0.2),)}
+    )
+    with pytest.raises(ValueError, match=r"asks for slung_load\.weight"):
+        verdict_on(flight, sized("slung_load", mass_kg=0.15))
+
+
+def test_a_size_is_judged_by_its_name_in_the_contract_and_by_the_older_one():
+    sizes = (Range("slung_load", "mass_kg", 0.1, 0.2), Range("slung_load", "length_m", 0.4, 0.6))
+    flight = replace(FLIGHT, may=frozenset({"slung_load"}), sizes=sizes)
+    for said in (
+        sized("slung_load", mass_kg=0.15, length_m=0.7),
+        sized("slung_load", mass=0.15, rope_m=0.7),
+    ):
+        assert [s.right for s in verdict_on(flight, said).sizes] == [True, False]
+
+
+def test_what_the_tables_ask_is_what_the_catalogue_says():
+    """An older name of a parameter, or a slip of the pen, would leave its size unjudged."""
+    have = {e.name: {p.name for p in (*e.coefficients, *e.shapes)} for e in catalogue()}
+    for table in sorted(TABLE.parent.glob("*.toml")):
+        for f in read(table).flights:
+            for r in (*f.sizes, *f.limits):
+                assert {r.parameter, OLD_NAMES.get(r.parameter)} & have[r.effect], f"{f.name}: {r}"
 
 
 def test_explained_with_too_much_left_is_an_overclaim():
@@ -162,10 +213,14 @@ def test_a_fault_of_the_log_has_to_be_said():
 
 
 def test_the_channel_that_carries_the_rest_has_to_be_among_the_first():
-    flight = replace(FLIGHT, must=(frozenset({"channel:yaw_rad"}),), verdicts=frozenset({"unexplained"}))
+    flight = replace(
+        FLIGHT, must=(frozenset({"channel:yaw_rad"}),), verdicts=frozenset({"unexplained"})
+    )
     channels = {"channels": [{"name": "down_m"}, {"name": "yaw_rad"}]}
     assert verdict_on(flight, verdict="unexplained", unexplained=channels).right
-    assert verdict_on(flight, verdict="unexplained", unexplained={"channels": [{"name": "down_m"}]}).missed
+    assert verdict_on(
+        flight, verdict="unexplained", unexplained={"channels": [{"name": "down_m"}]}
+    ).missed
 
 
 def test_a_refusal_counts_against_unless_the_flight_is_short_or_the_fault_is_named():
@@ -178,7 +233,9 @@ def test_a_refusal_counts_against_unless_the_flight_is_short_or_the_fault_is_nam
 
 def test_reliability_counts_what_was_stated_against_what_was_right(tmp_path):
     flight = replace(FLIGHT, must=(frozenset({"wind"}),), unknown=frozenset({"cg_offset"}))
-    stated = [{"name": n, "probability": 0.93, "q_value": 0.01} for n in ("wind", "payload", "cg_offset")]
+    stated = [
+        {"name": n, "probability": 0.93, "q_value": 0.01} for n in ("wind", "payload", "cg_offset")
+    ]
     row = measured_flights.as_json(verdict_on(flight, *stated))
     file = tmp_path / "judged.json"
     file.write_text(json.dumps({"flights": [row, row | {"again": True}]}))

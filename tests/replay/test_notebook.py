@@ -23,7 +23,9 @@ def flights(tmp_path_factory) -> Path:
     """Monday and Friday, both heavier than the vehicle file says."""
     folder = tmp_path_factory.mktemp("flights")
     for seed, day in enumerate(("monday", "friday")):
-        write_tlog(folder / f"{day}.tlog", quad_flight(60.0, mass_kg=QUAD_MASS_KG + HEAVIER_KG, seed=seed))
+        write_tlog(
+            folder / f"{day}.tlog", quad_flight(60.0, mass_kg=QUAD_MASS_KG + HEAVIER_KG, seed=seed)
+        )
     (folder / "my.toml").write_text(QUAD.read_text())
     return folder
 
@@ -49,7 +51,9 @@ def test_paths_vehicle_and_model_give_the_same_as_the_command(flights):
     from replay.diagnosis.diagnose import diagnose
 
     vehicle = load_vehicle(QUAD)
-    told, known = (ask([flights / "monday.tlog"], vehicle, None) for ask in (replay.diagnose, diagnose))
+    told, known = (
+        ask([flights / "monday.tlog"], vehicle, None) for ask in (replay.diagnose, diagnose)
+    )
     assert told.as_json(None) == known.as_json(None)
 
 

@@ -16,7 +16,11 @@ from replay.logs.parameters import change_notes, in_force, take_off
 from replay.residual.reassigned import motors_reassigned
 from replay.vehicle.airframe import airframe
 
-SET = [(0.0, "SERVO1_FUNCTION", 33.0), (0.0, "SERVO2_FUNCTION", 34.0), (20.0, "SERVO1_FUNCTION", 0.0)]
+SET = [
+    (0.0, "SERVO1_FUNCTION", 33.0),
+    (0.0, "SERVO2_FUNCTION", 34.0),
+    (20.0, "SERVO1_FUNCTION", 0.0),
+]
 
 
 def test_the_values_at_take_off_are_the_vehicles():
@@ -26,7 +30,9 @@ def test_the_values_at_take_off_are_the_vehicles():
 
 
 def test_what_is_set_before_take_off_counts_and_what_first_comes_in_flight_too():
-    values, changes = in_force([(0.0, "A", 1.0), (5.0, "A", 2.0), (20.0, "B", 3.0), (21.0, "B", 3.0)], 10.0)
+    values, changes = in_force(
+        [(0.0, "A", 1.0), (5.0, "A", 2.0), (20.0, "B", 3.0), (21.0, "B", 3.0)], 10.0
+    )
     assert values == {"A": 2.0, "B": 3.0}
     assert changes == ()
 

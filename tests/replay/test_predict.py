@@ -35,7 +35,13 @@ def acts(record: Record, effect: AdoptedEffect) -> Array:
     return np.nan_to_num(get(effect.name).wrench(record.context, effect.parameters))
 
 
-def flown(quiet: Record, true: tuple[AdoptedEffect, ...], known: tuple[AdoptedEffect, ...], *, frozen: bool):
+def flown(
+    quiet: Record,
+    true: tuple[AdoptedEffect, ...],
+    known: tuple[AdoptedEffect, ...],
+    *,
+    frozen: bool,
+):
     """The prediction of a flight on which ``true`` acts by a model that has adopted ``known``."""
     felt = quiet.residual + sum(acts(quiet, e) for e in true)
     model = amended(models.load(), default_vehicle(), known)
@@ -68,7 +74,8 @@ def test_the_wind_of_the_day_is_learnt_from_the_start_and_the_rest_is_judged(qui
     assert flight.seconds == pytest.approx(quiet.seconds - LEARNING_S, abs=0.5)
     assert flight.day is not None
     # A wind and an accelerometer's offset share what one heading shows.
-    assert flight.day.as_json()["wind"]["north"] == pytest.approx(2.0, abs=0.7)
+    # Of a vehicle with half of momentum theory's drag: the air moves twice as fast as that would say.
+    assert flight.day.as_json()["wind"]["north"] == pytest.approx(4.0, abs=1.4)
 
 
 def test_a_day_without_anything_is_found_to_be_nothing(quiet: Record) -> None:
@@ -98,7 +105,9 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
     return code, lines[0]
 
 
-def test_bad_input_is_one_line_with_its_exit_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line_with_its_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     empty = tmp_path / "empty.tlog"
     empty.write_bytes(b"")
     assert refused(capsys, str(empty), "--model", "default")[0] == 3
@@ -114,7 +123,16 @@ def test_a_model_of_one_real_flight_predicts_another(shared_data: Path, tmp_path
         pytest.skip("no measured flights")
     first, other = folder / "imrc" / "BL_t06.tlog", folder / "imrc" / "BL_t08.tlog"
     vehicle, target = str(folder / "imrc" / "BL.toml"), tmp_path / "a.json"
-    command = ["diagnose", str(first), "--vehicle", vehicle, "--model", "none", "--save-model", str(tmp_path / "m")]
+    command = [
+        "diagnose",
+        str(first),
+        "--vehicle",
+        vehicle,
+        "--model",
+        "none",
+        "--save-model",
+        str(tmp_path / "m"),
+    ]
     assert main([*command, "--test", str(other), "--json", str(target), "--quiet"]) == 0
     test = json.loads(target.read_text())["test"]
     assert test["axes"]["Fx"]["rms_with"] < 0.6 * test["axes"]["Fx"]["rms_without"]

@@ -92,7 +92,10 @@ def bad_inputs(folder):
     (folder / "folder.tlog").mkdir()
     (folder / "typo.toml").write_text('name = "x"\nmas_kg = 3\n')
     write_tlog(folder / "beats.tlog", [(10**15 + k, frame(heartbeat())) for k in range(5)])
-    write_tlog(folder / "station.tlog", [(10**15 + k, frame(heartbeat(autopilot=8), 255, 190)) for k in range(5)])
+    write_tlog(
+        folder / "station.tlog",
+        [(10**15 + k, frame(heartbeat(autopilot=8), 255, 190)) for k in range(5)],
+    )
     run = "run"
     return [
         ([run, "missing.tlog"], 3, "missing.tlog"),
@@ -126,7 +129,9 @@ def test_every_bad_input_is_one_line_and_its_exit_code(tmp_path, monkeypatch, ca
         assert out.err.startswith("replay: ")
 
 
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["run"], ["run", "a.tlog", "--target-system", "x"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["run"], ["run", "a.tlog", "--target-system", "x"]]
+)
 def test_bad_arguments_exit_with_2(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
@@ -155,7 +160,9 @@ def test_help_is_quick_and_light(command):
     times = []
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True, timeout=30)
+        done = subprocess.run(
+            [sys.executable, "-c", code, *command], capture_output=True, text=True, timeout=30
+        )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         # Processor time: a busy machine stretches the clock on the wall.
         times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
@@ -212,7 +219,9 @@ def test_the_start_of_every_recorded_flight_runs(shared_data, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("folder", [False, True])
-def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(folder, log, capsys, monkeypatch):
+def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(
+    folder, log, capsys, monkeypatch
+):
     def missing(*_: object, **__: object) -> None:
         raise ModuleNotFoundError("No module named 'scipy'", name="scipy.linalg")
 
@@ -223,4 +232,7 @@ def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(f
     out = ["--out", str(log.parent / "out")] if folder else []
     assert main(["diagnose", str(log.parent if folder else log), "--vehicle", str(QUAD), *out]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line == "replay: this needs the package scipy.linalg: pip install 'corner-compensator[replay]'"
+    assert (
+        line
+        == "replay: this needs the package scipy.linalg: pip install 'corner-compensator[replay]'"
+    )

@@ -16,10 +16,14 @@ def given(*words):
 
 
 def test_a_new_file_is_one_that_the_page_of_results_can_show(tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.argv", ["tests/benchmarks/latency.py", "--rate", "400", "--result", "x.json"])
+    monkeypatch.setattr(
+        "sys.argv", ["tests/benchmarks/latency.py", "--rate", "400", "--result", "x.json"]
+    )
     path = tmp_path / "speed.json"
     result_file.write_result(
-        given("--result", str(path)), [figure("p50 [ms]", "0.23", goal="0.3", met=True)], seeds="none"
+        given("--result", str(path)),
+        [figure("p50 [ms]", "0.23", goal="0.3", met=True)],
+        seeds="none",
     )
     found = results_page.load(path)
     assert found.command == "python tests/benchmarks/latency.py --rate 400"
@@ -41,7 +45,9 @@ def test_words_of_a_person_stay_and_figures_not_measured_name_their_commit(tmp_p
     }  # fmt: skip
     path.write_text(json.dumps(old), encoding="utf-8")
     a = given("--result", str(path), "--first-seen")
-    result_file.write_result(a, [figure("right", "99 %")], seeds="2", simulated=True, repeatable=True)
+    result_file.write_result(
+        a, [figure("right", "99 %")], seeds="2", simulated=True, repeatable=True
+    )
     found = results_page.load(path)
     assert (found.title, found.seen, found.notes, found.older) == (
         "Faults in flight",
@@ -60,7 +66,9 @@ def test_without_a_file_nothing_is_written():
     result_file.write_result(given(), [], seeds="none")
 
 
-@pytest.mark.parametrize(("flags", "least", "met"), [([True] * 9 + [False], 0.9, True), ([True, False], 0.9, False)])
+@pytest.mark.parametrize(
+    ("flags", "least", "met"), [([True] * 9 + [False], 0.9, True), ([True, False], 0.9, False)]
+)
 def test_a_share_comes_with_counts_interval_and_goal(flags, least, met):
     found = counted("right", flags, least=least)
     assert found["detail"].startswith(f"{sum(flags)} of {len(flags)}, [")

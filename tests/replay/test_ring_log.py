@@ -18,7 +18,10 @@ from replay.logs.formats import load
 from replay.residual.distances import distances, unseen_surfaces
 
 T = np.arange(0.0, 20.0, 0.02)
-VEHICLE = replace(default_vehicle(), rangefinders=(Rangefinder(target="wall", position_m=(0.0, 0.0, 0.0), ring=8),))
+VEHICLE = replace(
+    default_vehicle(),
+    rangefinders=(Rangefinder(target="wall", position_m=(0.0, 0.0, 0.0), ring=8),),
+)
 EAST = np.interp(T, [2.0, 8.0, 12.0, 18.0], [0.0, 1.2, 1.2, 0.0])
 ROTATION = np.broadcast_to(np.eye(3), (len(T), 3, 3))
 POSITION = np.stack([np.zeros(len(T)), EAST, np.full(len(T), -2.0)], axis=1)
@@ -56,7 +59,9 @@ def test_both_walls_of_a_corner_are_in_the_log():
 
 
 def test_a_ring_that_freezes_while_the_vehicle_moves_is_not_believed():
-    found = distances(log_of((0.5 * math.pi, 2.0), frozen_s=7.0), VEHICLE, T, ROTATION, POSITION, 0.0)
+    found = distances(
+        log_of((0.5 * math.pi, 2.0), frozen_s=7.0), VEHICLE, T, ROTATION, POSITION, 0.0
+    )
     assert not np.isfinite(found["d_m"][(T > 15.5) & (T < 19.0), 0]).any()
 
 

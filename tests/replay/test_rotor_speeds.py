@@ -132,7 +132,9 @@ def test_a_batch_that_is_sent_twice_counts_once(tmp_path: Path) -> None:
     dataflash(path, speeds(3), batches=2)
     log = load(path)[0]
     assert sorted(log.escs) == [1, 2, 3, 4]
-    assert any("ESC 5, 6, 7, 8: the same numbers as ESC 1, 2, 3, 4" in note for note in log.summary.notes)
+    assert any(
+        "ESC 5, 6, 7, 8: the same numbers as ESC 1, 2, 3, 4" in note for note in log.summary.notes
+    )
 
 
 def test_eight_rotors_are_eight() -> None:

@@ -33,7 +33,9 @@ def written(near: Path) -> Path:
 
 def test_the_page_says_first_what_would_have_been_done_and_what_is_next(written: Path) -> None:
     html = written.read_text()
-    assert html.index("would") < html.index("Next: ") < html.index("Over time") < html.index("Numbers")
+    assert (
+        html.index("would") < html.index("Next: ") < html.index("Over time") < html.index("Numbers")
+    )
     assert "near.tlog" in html
     assert html.count("<polyline") >= 6
     assert "http" not in html
@@ -42,7 +44,9 @@ def test_the_page_says_first_what_would_have_been_done_and_what_is_next(written:
 
 
 @pytest.mark.slow
-def test_reasons_are_those_of_the_text_report(near: Path, written: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reasons_are_those_of_the_text_report(
+    near: Path, written: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["run", str(near)]) == 0
     text, html = capsys.readouterr().out, written.read_text()
     shown = [reason for reason in Reason if reason.value in html]
@@ -87,10 +91,14 @@ def test_attitudes_that_come_too_slowly_are_what_is_to_be_mended(tmp_path: Path)
     assert "Next: attitudes come 1.0 s apart" in (tmp_path / "report.html").read_text()
 
 
-def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_place_that_cannot_be_written_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_tlog(tmp_path / "a.tlog", flight(4.0))
     (tmp_path / "file").write_text("x")
-    assert main(["run", str(tmp_path / "a.tlog"), "--report", str(tmp_path / "file"), "--quiet"]) == 2
+    assert (
+        main(["run", str(tmp_path / "a.tlog"), "--report", str(tmp_path / "file"), "--quiet"]) == 2
+    )
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
@@ -105,7 +113,9 @@ def test_a_flight_of_many_hours_is_plotted_from_fewer_rows(monkeypatch: pytest.M
     kept = History()
     offset = SimpleNamespace(thrust=0.0, roll=0.0, pitch=0.0)
     decided = [
-        SimpleNamespace(t_s=0.1 * k, offset=offset, disturbance=None, authority=1.0, reasons=frozenset())
+        SimpleNamespace(
+            t_s=0.1 * k, offset=offset, disturbance=None, authority=1.0, reasons=frozenset()
+        )
         for k in range(10_000)
     ]
     assert list(kept.watch(decided)) == decided

@@ -58,7 +58,11 @@ class Sensor:
 
     @property
     def reading(self) -> tuple[float, RangeVerdict]:
-        return (60.0, RangeVerdict.ABOVE_MAX) if math.isinf(self.slant_m) else (self.slant_m, RangeVerdict.OK)
+        return (
+            (60.0, RangeVerdict.ABOVE_MAX)
+            if math.isinf(self.slant_m)
+            else (self.slant_m, RangeVerdict.OK)
+        )
 
 
 def vehicle_with(sensors: list[Sensor]) -> Vehicle:
@@ -66,16 +70,36 @@ def vehicle_with(sensors: list[Sensor]) -> Vehicle:
     return replace(default_vehicle(), rangefinders=declared)
 
 
-def flown(sensors: list[Sensor], q: tuple[float, float, float, float]) -> tuple[AirState, Estimates, PipelineConfig]:
+def flown(
+    sensors: list[Sensor], q: tuple[float, float, float, float]
+) -> tuple[AirState, Estimates, PipelineConfig]:
     """The air of the last instant as flight has it."""
     config = PipelineConfig(vehicle=vehicle_with(sensors), model=MODEL)
-    estimates = take_attitude(blank_estimates(config.vehicle), Attitude(5.0, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE"))
+    estimates = take_attitude(
+        blank_estimates(config.vehicle), Attitude(5.0, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE")
+    )
     for t, k in sorted((t, k) for k, s in enumerate(sensors) for t in s.stamps):
         sensor, direction = sensors[k], orientation_direction(sensors[k].orientation)
         distance, verdict = sensor.reading
-        sample = Range(t, 1, 1, direction, sensor.orientation, k, distance, 0.05, 40.0, None, None, verdict, "x")
+        sample = Range(
+            t,
+            1,
+            1,
+            direction,
+            sensor.orientation,
+            k,
+            distance,
+            0.05,
+            40.0,
+            None,
+            None,
+            verdict,
+            "x",
+        )
         estimates = take_range(estimates, sample, config)
-    ground, wall, ceiling = (surface(estimates, config, kind, END_S) for kind in ("ground", "wall", "ceiling"))
+    ground, wall, ceiling = (
+        surface(estimates, config, kind, END_S) for kind in ("ground", "wall", "ceiling")
+    )
     rotation, rotors = rotation_rows(*q), np.full(4, 4000.0)
     query = fan_query(config.vehicle, ground, wall, rotation, (4000.0, 4000.0), 0.0)
     return air_state(estimates, config, query, ceiling, rotors, END_S), estimates, config
@@ -90,8 +114,24 @@ def replayed(sensors: list[Sensor], q: tuple[float, float, float, float]) -> dic
         distance, verdict = sensor.reading
         series = Series(t, np.full((len(t), 1), distance))
         direction, verdicts = orientation_direction(sensor.orientation), (verdict,) * len(t)
-        beams.append(Beam(direction, 1, k, sensor.orientation, "x", series, verdicts, 0.05, 40.0, math.nan, 0.01))
-    log = FlightLog(path=Path("x"), system=1, boot=0, start_s=10.0, end_s=END_S + 1.0, beams=tuple(beams))
+        beams.append(
+            Beam(
+                direction,
+                1,
+                k,
+                sensor.orientation,
+                "x",
+                series,
+                verdicts,
+                0.05,
+                40.0,
+                math.nan,
+                0.01,
+            )
+        )
+    log = FlightLog(
+        path=Path("x"), system=1, boot=0, start_s=10.0, end_s=END_S + 1.0, beams=tuple(beams)
+    )
     rotation = rotation_from_quaternion(q)[None]
     return distances(log, vehicle_with(sensors), np.array([END_S]), rotation, np.zeros((1, 3)), 0.0)
 
@@ -104,10 +144,12 @@ walls = st.lists(
     ),
     max_size=3, unique_by=lambda s: s.orientation,
 )  # fmt: skip
-downs = st.builds(Sensor, st.just(DOWN), st.just("ground"), mounts, slants, st.sampled_from((0.0, 0.0, 0.7)))
-ups = st.builds(Sensor, st.just(UP), st.just("ceiling"), mounts, slants, st.sampled_from((0.0, 0.0, 0.9))) | st.builds(
-    Sensor, st.just(UP), st.just("ceiling"), slant_m=slants, declared=st.just(False)
+downs = st.builds(
+    Sensor, st.just(DOWN), st.just("ground"), mounts, slants, st.sampled_from((0.0, 0.0, 0.7))
 )
+ups = st.builds(
+    Sensor, st.just(UP), st.just("ceiling"), mounts, slants, st.sampled_from((0.0, 0.0, 0.9))
+) | st.builds(Sensor, st.just(UP), st.just("ceiling"), slant_m=slants, declared=st.just(False))
 tilts = st.floats(-0.6, 0.6)
 
 
@@ -136,7 +178,9 @@ def test_what_a_second_wall_pushes_is_the_same_and_the_mount_counts_once():
     live, _, config = flown(sensors, LEVEL)
     # Front fan: 0.32 m ahead of the CG, lip 0.21 m; the sensor is 0.49 m ahead.
     assert live.second_d_m[0] == pytest.approx(0.5 + 0.49 - 0.32 - 0.21, abs=1e-3)
-    effect = AdoptedEffect("second_wall", {"pull": 0.1, "tilt": 0.0, "lift": 0.0, "loss": 0.0, "length_radii": 0.9})
+    effect = AdoptedEffect(
+        "second_wall", {"pull": 0.1, "tilt": 0.0, "lift": 0.0, "loss": 0.0, "length_radii": 0.9}
+    )
     recorded = {name: value[0] for name, value in replayed(sensors, LEVEL).items()}
     pushes = [
         adopted_wrench([effect], Context(state, config.vehicle, MODEL), in_flight=True)

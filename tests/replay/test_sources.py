@@ -49,7 +49,11 @@ def test_the_one_that_is_asked_for_comes_before_all_others():
 def test_the_autopilot_is_believed_unless_its_instance_is_dead():
     alive = [Candidate(name="a", agreement=1.0), Candidate(name="b")]
     found = pick("imu", alive, Stated("b", "XKF4.PI"))
-    assert (found.chosen, found.others, found.why) == ("b", ("a",), "the autopilot uses it (XKF4.PI)")
+    assert (found.chosen, found.others, found.why) == (
+        "b",
+        ("a",),
+        "the autopilot uses it (XKF4.PI)",
+    )
     dead = [Candidate(name="a"), Candidate(name="b", fault="reads 0")]
     assert pick("imu", dead, Stated("b", "XKF4.PI")).chosen == "a"
 
@@ -71,7 +75,8 @@ RAIL = series(5.1, 0.5)
 
 
 @pytest.mark.parametrize(
-    "other", [RAIL, series(0.02, 0.0), series(0.02, NEVER), series(NEVER, NEVER), series(NEVER, 15.0)]
+    "other",
+    [RAIL, series(0.02, 0.0), series(0.02, NEVER), series(NEVER, NEVER), series(NEVER, 15.0)],
 )
 @pytest.mark.parametrize("first", [True, False])
 def test_the_battery_is_the_pack_whichever_comes_first(other, first):
@@ -87,12 +92,17 @@ def test_without_currents_the_battery_is_the_one_that_sags():
 
 
 def test_two_packs_that_share_the_load_are_read_as_the_first():
-    found = choice(log(batteries={"BAT 0": PACK, "BAT 1": series(16.3 - 0.04 * T, 22.0)}), "battery")
+    found = choice(
+        log(batteries={"BAT 0": PACK, "BAT 1": series(16.3 - 0.04 * T, 22.0)}), "battery"
+    )
     assert found.chosen == "BAT 0"
 
 
 def test_the_battery_that_scales_the_motors_is_the_one_in_use():
-    two = log(batteries={"BAT 0": PACK, "BAT 1": series(16.3 - 0.04 * T, 22.0)}, parameters={"MOT_BAT_IDX": 1.0})
+    two = log(
+        batteries={"BAT 0": PACK, "BAT 1": series(16.3 - 0.04 * T, 22.0)},
+        parameters={"MOT_BAT_IDX": 1.0},
+    )
     assert choice(two, "battery").why == "the autopilot uses it (MOT_BAT_IDX)"
 
 
@@ -133,7 +143,9 @@ def test_a_dead_imu_is_left_aside(dead, parameters):
 def test_of_two_good_imus_the_first_or_the_one_in_use_is_read():
     two = (imu("IMU", TURNS), imu("IMU:1", TURNS, instance=1))
     assert chosen(log(imus=two, attitude=ATTITUDE)).imus[0].source == "IMU"
-    used = log(imus=two, attitude=ATTITUDE, stated={"imu": Stated("IMU:1", "XKF4.PI, EK3_IMU_MASK")})
+    used = log(
+        imus=two, attitude=ATTITUDE, stated={"imu": Stated("IMU:1", "XKF4.PI, EK3_IMU_MASK")}
+    )
     assert chosen(used).imus[0].source == "IMU:1"
     assert chosen(used, {"imu": "IMU"}).imus[0].source == "IMU"
 
@@ -144,20 +156,31 @@ def test_where_every_imu_is_dead_they_stay_so_that_their_fault_can_be_said():
 
 # --- estimator, barometer ---------------------------------------------------------------------------------------------
 def test_the_lane_is_the_one_that_was_primary():
-    lanes = {f"XKF1 core {k}": Lane(position=series(k, 0.0, -2.0), velocity=series(0.0, 0.0, 0.0)) for k in range(2)}
+    lanes = {
+        f"XKF1 core {k}": Lane(position=series(k, 0.0, -2.0), velocity=series(0.0, 0.0, 0.0))
+        for k in range(2)
+    }
     assert chosen(log(lanes=lanes)).position.values[0, 0] == 0.0
     primary = log(lanes=lanes, stated={"position": Stated("XKF1 core 1", "XKF4.PI")})
     assert chosen(primary).position.values[0, 0] == 1.0
 
 
 def test_the_filter_is_the_one_that_the_autopilot_flies_with():
-    lanes = {name: Lane(series(k, 0.0, 0.0), None) for k, name in enumerate(("XKF1 core 0", "NKF1 core 0"))}
+    lanes = {
+        name: Lane(series(k, 0.0, 0.0), None)
+        for k, name in enumerate(("XKF1 core 0", "NKF1 core 0"))
+    }
     assert chosen(log(lanes=lanes, parameters={"AHRS_EKF_TYPE": 2.0})).position.values[0, 0] == 1.0
 
 
 @pytest.mark.parametrize("dead", [series(0.0, 20.0), series(NEVER, 20.0), series(1e7, 20.0)])
 def test_a_dead_barometer_is_left_aside(dead):
-    read = chosen(log(pressures={"BARO 0": dead, "BARO 1": series(1e5, 25.0)}, parameters={"BARO_PRIMARY": 0.0}))
+    read = chosen(
+        log(
+            pressures={"BARO 0": dead, "BARO 1": series(1e5, 25.0)},
+            parameters={"BARO_PRIMARY": 0.0},
+        )
+    )
     assert read.pressure.values[0, 0] == 1e5
 
 
@@ -210,7 +233,10 @@ def test_where_no_output_moves_the_motors_are_read_from_what_was_asked_of_them()
     asked = replace(MOTORS, source="actuator_motors")
     read = chosen(log(servo_ports={0: IDLE}, motor_commands=asked, thrust_command=THRUST))
     assert read.servo is asked
-    assert choice(log(servo_ports={0: IDLE}, motor_commands=asked), "outputs").why == "no output of a port moves"
+    assert (
+        choice(log(servo_ports={0: IDLE}, motor_commands=asked), "outputs").why
+        == "no output of a port moves"
+    )
 
 
 # --- readers ----------------------------------------------------------------------------------------------------------
@@ -278,7 +304,9 @@ def test_batteries_of_a_telemetry_log_are_read_apart(tmp_path):
         messages.append((when, frame(mavlink.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0))))
         for number, cell in ((0, 12), (1, 4000)):
             cells = [cell] * 4 + [65535] * 6
-            battery = mavlink.MAVLink_battery_status_message(number, 0, 1, 2500, cells, 1500, -1, -1, 80)
+            battery = mavlink.MAVLink_battery_status_message(
+                number, 0, 1, 2500, cells, 1500, -1, -1, 80
+            )
             messages.append((when, frame(battery)))
         if k % 50 == 0:
             messages.append((when, frame(heartbeat())))
@@ -291,7 +319,12 @@ def test_a_battery_of_px4_that_is_not_connected_is_no_battery(tmp_path):
     w = UlgWriter()
     w.topic("vehicle_attitude", ("float[4]", "q"))
     for k in range(2):
-        w.topic(f"battery_status:{k}", ("float", "voltage_v"), ("float", "current_a"), ("bool", "connected"))
+        w.topic(
+            f"battery_status:{k}",
+            ("float", "voltage_v"),
+            ("float", "current_a"),
+            ("bool", "connected"),
+        )
     w.topic("actuator_motors", ("float[12]", "control"))
     w.subscribe()
     for k in range(100):
@@ -318,7 +351,9 @@ def test_info_says_what_was_read_and_set_overrules_it(tmp_path, capsys):
         "why": "the first of those that are alike",
     }
     assert main(["info", str(path), "--set", "position=2"]) == 0
-    assert "read from position: XKF1 core 1, not XKF1 core 0: set by --set" in capsys.readouterr().out
+    assert (
+        "read from position: XKF1 core 1, not XKF1 core 0: set by --set" in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize(

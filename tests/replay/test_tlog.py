@@ -55,7 +55,9 @@ def test_columns_equal_what_pymavlink_decodes(flown):
                 if isinstance(value, str):
                     assert bytes(ours).rstrip(b"\0").decode() == value
                 else:
-                    assert np.array_equal(np.asarray(ours, float), np.asarray(value, float), equal_nan=True), name
+                    assert np.array_equal(
+                        np.asarray(ours, float), np.asarray(value, float), equal_nan=True
+                    ), name
         assert set(columns(layout, records)) == {q.name for q in layout.quantities}
 
 
@@ -86,7 +88,14 @@ def test_a_cut_tail_costs_the_last_frame_only(tmp_path, cut):
 
 def test_magic_bytes_inside_a_stamp_do_not_derail(tmp_path):
     path = tmp_path / "fd.tlog"
-    stamps = [0x00FDFDFDFDFDFDFD, 0x00FEFEFEFEFEFEFE, EPOCH_US + 2, EPOCH_US + 3, EPOCH_US + 4, EPOCH_US + 5]
+    stamps = [
+        0x00FDFDFDFDFDFDFD,
+        0x00FEFEFEFEFEFEFE,
+        EPOCH_US + 2,
+        EPOCH_US + 3,
+        EPOCH_US + 4,
+        EPOCH_US + 5,
+    ]
     path.write_bytes(b"noise" + b"".join(record(s, FLIGHT[i][1]) for i, s in enumerate(stamps)))
     assert [f for _, f in read_tlog(path).frames()] == [FLIGHT[i][1] for i in range(6)]
 
@@ -131,7 +140,13 @@ def test_impossible_stamps_are_repaired_and_real_gaps_kept():
     true = EPOCH_US + np.arange(1000) * 10_000
     true[400:] += 19_000_000  # the link was gone for 19 s
     stamps = true.copy().astype(np.uint64)
-    for k, value in ((10, 0), (200, 2**63), (399, EPOCH_US - 10**9), (401, 25_980_000_000_000_000), (999, 5)):
+    for k, value in (
+        (10, 0),
+        (200, 2**63),
+        (399, EPOCH_US - 10**9),
+        (401, 25_980_000_000_000_000),
+        (999, 5),
+    ):
         stamps[k] = value
     repaired, count, set_back = repair_stamps(stamps)
     assert count == 5
@@ -152,7 +167,9 @@ def test_a_clock_that_was_set_back_for_good_is_reported_not_repaired():
 
 @pytest.mark.parametrize("place", [0, -1])
 @pytest.mark.parametrize(("moved_s", "repaired"), [(0.8, 0), (-0.8, 1), (5.0e9, 1)])
-def test_a_pause_after_the_first_frame_or_before_the_last_is_no_damage(tmp_path, place, moved_s, repaired):
+def test_a_pause_after_the_first_frame_or_before_the_last_is_no_damage(
+    tmp_path, place, moved_s, repaired
+):
     """``moved_s``: away from the others in time, or (below 0) past them."""
     messages = list(FLIGHT)
     arrival_us, raw = messages[place]
@@ -224,7 +241,9 @@ def test_stamps_are_big_endian():
 def test_same_good_frames_as_pymavlink_on_a_damaged_recording(tmp_path, shared_data):
     """60 flipped bytes in a real recording: every frame pymavlink believes is found here too."""
     rng = random.Random(3)
-    data = bytearray((shared_data / "ardupilot" / "s4_quad3_attitude_target_corner.tlog").read_bytes()[:400_000])
+    data = bytearray(
+        (shared_data / "ardupilot" / "s4_quad3_attitude_target_corner.tlog").read_bytes()[:400_000]
+    )
     for _ in range(60):
         data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
     path = tmp_path / "hurt.tlog"

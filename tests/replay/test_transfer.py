@@ -14,7 +14,9 @@ def test_an_error_is_a_geometric_mean_over_axes_of_what_is_left():
     before = np.ones((100, 6))
     after = before * np.array([0.5, 2.0, 0.25, 9.0, 9.0, 9.0])
     assert transfer.ratio(after, before, np.ones(100, bool), (0, 1)) == pytest.approx(1.0)
-    assert transfer.ratio(after, before, np.ones(100, bool), (0, 2)) == pytest.approx(np.sqrt(0.125))
+    assert transfer.ratio(after, before, np.ones(100, bool), (0, 2)) == pytest.approx(
+        np.sqrt(0.125)
+    )
 
 
 def test_an_interval_holds_the_mean_over_pairs():
@@ -64,7 +66,13 @@ def test_a_source_with_many_pairs_weighs_no_more_than_another():
 
 def test_a_table_gives_the_flights_of_each_vehicle_file_that_are_there(tmp_path, capsys):
     table = Path(transfer.__file__).parent / "measured" / "payload.toml"
-    for name in ("payload_1.toml", "payload_2.toml", "payload_182.tlog", "payload_184.tlog", "payload_204.tlog"):
+    for name in (
+        "payload_1.toml",
+        "payload_2.toml",
+        "payload_182.tlog",
+        "payload_184.tlog",
+        "payload_204.tlog",
+    ):
         (tmp_path / name).touch()
     groups = list(transfer.groups_of(table, tmp_path))
     assert [(g.source, g.vehicle.name, [log.stem for log in g.logs]) for g in groups] == [
@@ -84,7 +92,9 @@ def test_pairs_that_are_known_are_not_measured_again(monkeypatch, tmp_path):
     found = [transfer.Flight(SimpleNamespace(name=name), None) for name in names]
     monkeypatch.setattr(transfer, "flights", lambda group, cache: found)
     monkeypatch.setattr(transfer, "learn", lambda flight: {})
-    monkeypatch.setattr(transfer, "pair", lambda a, b, learnt: {transfer.FROZEN: {}, transfer.TWENTY: {}})
+    monkeypatch.setattr(
+        transfer, "pair", lambda a, b, learnt: {transfer.FROZEN: {}, transfer.TWENTY: {}}
+    )
     group = transfer.Group("s", tmp_path, ())
     first = next(transfer.measure(group, tmp_path, None, []))
     assert [r["predicted"] for r in first] == ["two", "three"]

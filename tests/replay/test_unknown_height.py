@@ -49,7 +49,9 @@ NOTHING = (RangeVerdict.LOW_QUALITY, RangeVerdict.BELOW_MIN)
 
 
 @pytest.mark.parametrize("verdict", NOTHING)
-def test_a_sensor_that_is_out_of_range_for_most_of_the_flight(vehicle: Vehicle, verdict: RangeVerdict) -> None:
+def test_a_sensor_that_is_out_of_range_for_most_of_the_flight(
+    vehicle: Vehicle, verdict: RangeVerdict
+) -> None:
     log = flown(vehicle, 3.0)
     whole = build_record(replace(log, beams=()), vehicle, None)
     times = readings(log).distance.t_s

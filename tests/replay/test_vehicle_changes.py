@@ -86,7 +86,9 @@ def test_shifted_fans_are_a_shifted_centre_of_gravity(tmp_path):
 def test_exchanged_rotors_are_a_fault_of_the_file(tmp_path):
     right, wrong, flight = vehicles("exchanged", tmp_path)
     assert [r.esc for fan in wrong.fans for r in fan.rotors] == [2, 1, 3, 4]
-    assert [r.spin for fan in wrong.fans for r in fan.rotors] == [r.spin for fan in right.fans for r in fan.rotors]
+    assert [r.spin for fan in wrong.fans for r in fan.rotors] == [
+        r.spin for fan in right.fans for r in fan.rotors
+    ]
     assert frozenset({"fault:vehicle file"}) in flight.must
 
 

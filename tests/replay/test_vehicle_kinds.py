@@ -11,6 +11,7 @@ from companion.mavlink.dialect import mavlink
 from companion.vehicles import default_vehicle
 from replay.cli import main
 from replay.flightlog import FlightLog, Series
+from replay.sources.choose import chosen
 from replay.vehicle.airframe import airframe, what_it_is
 from replay.vehicle.kinds import other_kind
 
@@ -18,7 +19,10 @@ T = np.arange(0.0, 40.0, 0.1)
 
 
 def log_of(
-    parameters: dict[str, float] | None = None, texts: tuple[str, ...] = (), kind: int | None = None, moving: int = 4
+    parameters: dict[str, float] | None = None,
+    texts: tuple[str, ...] = (),
+    kind: int | None = None,
+    moving: int = 4,
 ) -> FlightLog:
     """A log whose first ``moving`` outputs move."""
     servo = np.zeros((len(T), 16))
@@ -27,7 +31,7 @@ def log_of(
     said = tuple((0.0, 6, text) for text in texts)
     return FlightLog(
         path=Path("a.BIN"), system=1, boot=0, start_s=0.0, end_s=40.0, autopilot=3, vehicle_type=kind,
-        servo=Series(T, servo), parameters=parameters or {}, texts=said,
+        servo=Series(T, servo), servo_ports={0: Series(T, servo)}, parameters=parameters or {}, texts=said,
     )  # fmt: skip
 
 
@@ -78,7 +82,10 @@ def test_a_vehicle_that_is_no_multirotor_is_named(log, what):
         (log_of(kind=13), "a hexarotor"),
         (log_of(kind=2), "a quadrotor"),
         (log_of(), "a vehicle that the log does not name"),
-        (log_of({"FRAME_CLASS": 2.0, "FRAME_TYPE": 1.0}, kind=2), "a vehicle of which the log contradicts itself"),
+        (
+            log_of({"FRAME_CLASS": 2.0, "FRAME_TYPE": 1.0}, kind=2),
+            "a vehicle of which the log contradicts itself",
+        ),
     ],
 )
 def test_of_a_multirotor_as_much_is_said_as_the_log_shows(log, what):
@@ -94,8 +101,13 @@ def test_a_frame_type_that_is_not_known_is_said_and_not_guessed():
 
 def test_a_tricopter_is_drafted_without_a_third_motor():
     parameters = {"FRAME_CLASS": 7.0, "FRAME_TYPE": 0.0}
-    parameters |= {"SERVO1_FUNCTION": 33.0, "SERVO2_FUNCTION": 34.0, "SERVO3_FUNCTION": 36.0, "SERVO4_FUNCTION": 39.0}
-    found = airframe(log_of(parameters))
+    parameters |= {
+        "SERVO1_FUNCTION": 33.0,
+        "SERVO2_FUNCTION": 34.0,
+        "SERVO3_FUNCTION": 36.0,
+        "SERVO4_FUNCTION": 39.0,
+    }
+    found = airframe(chosen(log_of(parameters)))
     assert (found.name, dict(found.numbers)) == ("tri", {1: 1, 2: 2, 4: 3})
     assert not found.ordered
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 from made_up import biased, some
 
+from replay.diagnosis.diagnose import conclude
+from replay.search import walk as walk_module
 from replay.search.sets import Walked
-from replay.search.walk import walk
+from replay.search.walk import LONG_S, MOST_WORK, walk
 
 EFFECTS = ("imu_bias", "rotor_drag")
 
@@ -59,3 +61,34 @@ def test_why_an_effect_is_not_named_is_said(walked: Walked) -> None:
         "no better than chance", "too small beside the other effects", "the other effects fit as well without it",
         "not likely together with the other effects",
     }  # fmt: skip
+
+
+def test_a_search_that_would_take_too_long_stops_with_the_best_and_says_what_it_left_out(
+    monkeypatch,
+) -> None:
+    whole = walk([biased()], some(*EFFECTS))
+    assert whole.left_out == ()
+    monkeypatch.setattr(walk_module, "MOST_WORK", 0.5 * whole.evidence.work)
+    cut, again = (walk([biased()], some(*EFFECTS)) for _ in range(2))
+    assert cut.left_out
+    assert names(cut.best) == {"imu_bias"}
+    assert cut.evidence.work < 0.8 * whole.evidence.work
+    assert (cut.best.score, cut.left_out) == (again.best.score, again.left_out)
+    (note,) = (n for n in conclude([biased()], effects=some(*EFFECTS)).notes if "left out" in n)
+    assert all(what in note for what in cut.left_out)
+
+
+def test_nothing_is_left_out_of_an_ordinary_search() -> None:
+    answer = conclude([biased()], effects=some(*EFFECTS))
+    assert answer.left_out == ()
+    assert not any("left out" in note for note in answer.notes)
+
+
+def test_longer_flights_may_take_longer_in_proportion() -> None:
+    record = biased()
+    many = [record] * (1 + int(LONG_S / record.seconds))
+    short = walk_module.allowed([record])
+    assert short == MOST_WORK
+    assert walk_module.allowed(many) == pytest.approx(
+        MOST_WORK * len(many) * record.seconds / LONG_S
+    )

@@ -49,7 +49,11 @@ class ArduCopter(Autopilot):
 
     def default_parameters(self) -> dict[str, float]:
         """The parameters that are published; most are obeyed."""
-        more = {"PILOT_SPEED_UP": 100.0 * self.speed_up_m_s, "LOIT_SPEED": 1250.0, "FS_EKF_ACTION": 1.0}
+        more = {
+            "PILOT_SPEED_UP": 100.0 * self.speed_up_m_s,
+            "LOIT_SPEED": 1250.0,
+            "FS_EKF_ACTION": 1.0,
+        }
         return {**super().default_parameters(), **more}
 
     def set_parameter(self, name: str, value: float) -> bool:
@@ -88,7 +92,12 @@ class ArduCopter(Autopilot):
     def _failsafe(self, now: Estimate) -> None:
         """A position that the EKF does not trust is none: FS_EKF_ACTION 1 lands (modes that need no position go on)."""
         needs = self.mode in (Mode.GUIDED, Mode.RTL, *STICK_MODES)
-        if not now.trusted and needs and not self.landed and self.parameters["FS_EKF_ACTION"] == 1.0:
+        if (
+            not now.trusted
+            and needs
+            and not self.landed
+            and self.parameters["FS_EKF_ACTION"] == 1.0
+        ):
             self.set_mode(Mode.LAND, now)
 
     # -- the loop ---------------------------------------------------------------------------------------------------
@@ -129,7 +138,9 @@ class ArduCopter(Autopilot):
         s, t, top = self.sticks, self.target, self.stick_speed_m_s
         live = self.time_s - s.time_s < STICKS_LOST_S
         c, sn = math.cos(now.yaw), math.sin(now.yaw)
-        ahead, right, up = (top * s.forward, top * s.right, self.speed_up_m_s * s.up) if live else (0.0, 0.0, 0.0)
+        ahead, right, up = (
+            (top * s.forward, top * s.right, self.speed_up_m_s * s.up) if live else (0.0, 0.0, 0.0)
+        )
         wanted = (c * ahead - sn * right, sn * ahead + c * right, -up)
         place = list(t.position)
         for i, axis in enumerate(self.axes):

@@ -99,18 +99,29 @@ class ArduCopterLink(VehicleLink):
 
     def _estimator_status(self) -> Messages:
         ratio = self._estimator.test_ratio
-        return [mavlink.MAVLink_ekf_status_report_message(self._position_flags(), 0.05, ratio, 0.05, 0.05, 0.0)]
+        return [
+            mavlink.MAVLink_ekf_status_report_message(
+                self._position_flags(), 0.05, ratio, 0.05, 0.05, 0.0
+            )
+        ]
 
     def _landed_state(self) -> int:
         state = super()._landed_state()
         in_air = state == mavlink.MAV_LANDED_STATE_IN_AIR
-        return int(mavlink.MAV_LANDED_STATE_LANDING) if in_air and self._copter.mode is Mode.LAND else state
+        return (
+            int(mavlink.MAV_LANDED_STATE_LANDING)
+            if in_air and self._copter.mode is Mode.LAND
+            else state
+        )
 
     # -- in ---------------------------------------------------------------------------------------------------------
 
     def _for_us(self, message: Any) -> bool:
         # ArduCopter takes what is for a component that it has never heard of.
-        nobody = self.companion_heartbeat_s == -math.inf and getattr(message, "target_component", 0) == COMPANION
+        nobody = (
+            self.companion_heartbeat_s == -math.inf
+            and getattr(message, "target_component", 0) == COMPANION
+        )
         return nobody or super()._for_us(message)
 
     def _on_heartbeat(self, m: Any) -> None:
@@ -121,14 +132,19 @@ class ArduCopterLink(VehicleLink):
         pilot, mask = self._copter, m.type_mask
         if pilot.mode not in pilot.stream_modes:
             return
-        rates_ignored, attitude_ignored = mask & 7, bool(mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE)
+        rates_ignored, attitude_ignored = (
+            mask & 7,
+            bool(mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE),
+        )
         if rates_ignored not in (0, 7):
             # A partial mask stops the vehicle, at every message: so does the real one.
             pilot.hold_here(self._flight.estimate)
             self.dropped += 1
             return
         norm = math.sqrt(sum(v * v for v in m.q))
-        if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or (not attitude_ignored and abs(norm - 1.0) > 1e-3):
+        if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or (
+            not attitude_ignored and abs(norm - 1.0) > 1e-3
+        ):
             self.dropped += 1
             return
         if attitude_ignored and rates_ignored:
@@ -159,7 +175,10 @@ class ArduCopterLink(VehicleLink):
 
     def _turned(self, m: Any, x: float, y: float, z: float) -> Vec:
         """A vector of a message in NED: the body frames are turned by the heading, and stay level."""
-        if m.coordinate_frame not in (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED):
+        if m.coordinate_frame not in (
+            mavlink.MAV_FRAME_BODY_NED,
+            mavlink.MAV_FRAME_BODY_OFFSET_NED,
+        ):
             return (x, y, z)
         c, s = math.cos(self._flight.estimate.yaw), math.sin(self._flight.estimate.yaw)
         return (c * x - s * y, s * x + c * y, z)
@@ -167,7 +186,10 @@ class ArduCopterLink(VehicleLink):
     def _place(self, m: Any) -> Vec:
         """The position of a message in NED."""
         n, e, d = self._turned(m, m.x, m.y, m.z)
-        if m.coordinate_frame in (mavlink.MAV_FRAME_LOCAL_OFFSET_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED):
+        if m.coordinate_frame in (
+            mavlink.MAV_FRAME_LOCAL_OFFSET_NED,
+            mavlink.MAV_FRAME_BODY_OFFSET_NED,
+        ):
             here = self._flight.estimate.position
             return (here[0] + n, here[1] + e, here[2] + d)
         return (n, e, d)
@@ -181,7 +203,10 @@ class ArduCopterLink(VehicleLink):
         for stream, numbers in STREAMS.items():
             if m.req_stream_id in (mavlink.MAV_DATA_STREAM_ALL, stream):
                 for number in numbers:
-                    self.set_interval(number, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
+                    self.set_interval(
+                        number,
+                        1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1,
+                    )
 
     def _on_param_request_list(self, m: Any) -> None:
         self._param_queue.extend(self._copter.parameters)

@@ -115,7 +115,10 @@ class CasePilot:
         yield 0.5
         self._command(mavlink.MAV_CMD_NAV_TAKEOFF, p7=height_m)
         start = self.flight.time_s
-        while abs(-self.flight.body.position[2] - height_m) > 0.15 and self.flight.time_s < start + TAKE_OFF_LIMIT_S:
+        while (
+            abs(-self.flight.body.position[2] - height_m) > 0.15
+            and self.flight.time_s < start + TAKE_OFF_LIMIT_S
+        ):
             yield 0.1
         yield 2.0
 
@@ -148,11 +151,15 @@ class CasePilot:
     def go(self, north: float, east: float, height: float) -> None:
         """Send the companion a place, again and again, until another target is given."""
         self._place = (north, east, -height)
-        self._target = lambda: self._position(mavlink.MAV_FRAME_LOCAL_NED, POSITION_ONLY, north, east, -height)
+        self._target = lambda: self._position(
+            mavlink.MAV_FRAME_LOCAL_NED, POSITION_ONLY, north, east, -height
+        )
 
     def move(self, north: float, east: float, down: float) -> None:
         """Send the companion a velocity, again and again."""
-        self._target = lambda: self._position(mavlink.MAV_FRAME_LOCAL_NED, VELOCITY_ONLY, v=(north, east, down))
+        self._target = lambda: self._position(
+            mavlink.MAV_FRAME_LOCAL_NED, VELOCITY_ONLY, v=(north, east, down)
+        )
 
     def once(self, frame: int, x: float, y: float, z: float) -> None:
         """Send the companion one place in a frame of MAVLink's."""
@@ -172,7 +179,10 @@ class CasePilot:
     @property
     def flown_by_companion(self) -> bool:
         """An attitude stream reaches the autopilot and is obeyed."""
-        return self.flight.autopilot.hand == "stream" and self.flight.time_s - self.world.link.attitude_stream_s < 0.3
+        return (
+            self.flight.autopilot.hand == "stream"
+            and self.flight.time_s - self.world.link.attitude_stream_s < 0.3
+        )
 
     # -- each step --------------------------------------------------------------------------------------------------
 
@@ -202,7 +212,10 @@ class CasePilot:
         j.height_loss_m = max(j.height_loss_m, d - place[2])
         j.rise_m = max(j.rise_m, place[2] - d)
         j.off_m = max(j.off_m, math.hypot(n - place[0], e - place[1]))
-        j.tilt_deg = max(j.tilt_deg, math.degrees(math.acos(max(-1.0, min(1.0, math.cos(roll) * math.cos(pitch))))))
+        j.tilt_deg = max(
+            j.tilt_deg,
+            math.degrees(math.acos(max(-1.0, min(1.0, math.cos(roll) * math.cos(pitch))))),
+        )
         j.speed_m_s = max(j.speed_m_s, math.hypot(*b.velocity))
         j.wall_s += b.dt * b.wall_contact
         j.ground_s += b.dt * (b.contact and not b.wall_contact)
@@ -220,14 +233,39 @@ class CasePilot:
         )
 
     def _position(
-        self, frame: int, mask: int, x: float = 0.0, y: float = 0.0, z: float = 0.0, v: Vec = (0.0, 0.0, 0.0)
+        self,
+        frame: int,
+        mask: int,
+        x: float = 0.0,
+        y: float = 0.0,
+        z: float = 0.0,
+        v: Vec = (0.0, 0.0, 0.0),
     ) -> Any:
         return mavlink.MAVLink_set_position_target_local_ned_message(
-            self.world.link.boot_ms, SYSTEM, COMPANION, frame, mask, x, y, z, *v, 0.0, 0.0, 0.0, 0.0, 0.0
+            self.world.link.boot_ms,
+            SYSTEM,
+            COMPANION,
+            frame,
+            mask,
+            x,
+            y,
+            z,
+            *v,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
         )
 
-    def _command(self, number: int, p1: float = 0.0, p2: float = 0.0, p3: float = 0.0, p7: float = 0.0) -> None:
-        self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
+    def _command(
+        self, number: int, p1: float = 0.0, p2: float = 0.0, p3: float = 0.0, p7: float = 0.0
+    ) -> None:
+        self._to_autopilot(
+            mavlink.MAVLink_command_long_message(
+                SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7
+            )
+        )
 
     def _to_autopilot(self, message: Any) -> None:
         self.world.link.hear(message)
@@ -236,8 +274,14 @@ class CasePilot:
 def surroundings(case: Case, vehicle: Vehicle) -> Scenario:
     """An empty script in the surroundings of a case: the wall where the vehicle's wall sensor looks."""
     azimuth = wall_azimuth(vehicle)
-    around = Surroundings(wall_m=case.wall_m + lip_reach(vehicle, azimuth), wall_azimuth_rad=azimuth)
-    return Scenario(case.name, around, (Waypoint(0.0, 0.0, 1.2, name="case"), Waypoint(1.0, 0.0, 1.2, name="end")))
+    around = Surroundings(
+        wall_m=case.wall_m + lip_reach(vehicle, azimuth), wall_azimuth_rad=azimuth
+    )
+    return Scenario(
+        case.name,
+        around,
+        (Waypoint(0.0, 0.0, 1.2, name="case"), Waypoint(1.0, 0.0, 1.2, name="end")),
+    )
 
 
 @dataclass(frozen=True)
@@ -253,7 +297,12 @@ class Outcome:
     def as_json(self) -> dict[str, Any]:
         """Plain numbers, rounded to what is worth reading."""
         numbers = {k: round(v, 3) for k, v in asdict(self.judgement).items()}
-        return {"case": self.case, **numbers, "notes": list(self.notes), "refusals_s": dict(self.reasons)}
+        return {
+            "case": self.case,
+            **numbers,
+            "notes": list(self.notes),
+            "refusals_s": dict(self.reasons),
+        }
 
 
 def fly_case(
@@ -270,7 +319,9 @@ def fly_case(
     Raises LinkError where the script never came to be judged.
     """
     true = vehicle if case.true_hover is None else replace(vehicle, hover_thrust=case.true_hover)
-    flight = simulated(true, surroundings(case, true), seed, px4=case.px4, parameters=case.parameters)
+    flight = simulated(
+        true, surroundings(case, true), seed, px4=case.px4, parameters=case.parameters
+    )
     pilots: list[CasePilot] = []
 
     def pilot(world: FaultyLockstep) -> CasePilot:

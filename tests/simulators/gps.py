@@ -27,10 +27,15 @@ class GpsEstimator(Estimator):
     def __init__(self, body: Body, seed: int) -> None:
         super().__init__(body, seed)
         biases = random.Random(f"bias {seed}")
-        for _ in range(12):  # those of the estimator: the direction is the next number of the same stream
+        for _ in range(
+            12
+        ):  # those of the estimator: the direction is the next number of the same stream
             biases.gauss(0.0, 1.0)
         bearing = biases.uniform(-math.pi, math.pi)
-        self._astray = (DEAD_RECKONING_M_S2 * math.cos(bearing), DEAD_RECKONING_M_S2 * math.sin(bearing))
+        self._astray = (
+            DEAD_RECKONING_M_S2 * math.cos(bearing),
+            DEAD_RECKONING_M_S2 * math.sin(bearing),
+        )
         self.gps = True
         self._without_s = 0.0
 

@@ -41,7 +41,11 @@ class Wire:
 
     def send_down(self, frame: bytes, now_s: float) -> None:
         """The vehicle sends."""
-        waiting = sum(1 for due, _ in self._down if due <= now_s) if len(self._down) >= BUFFER_DATAGRAMS else 0
+        waiting = (
+            sum(1 for due, _ in self._down if due <= now_s)
+            if len(self._down) >= BUFFER_DATAGRAMS
+            else 0
+        )
         if waiting >= BUFFER_DATAGRAMS:
             self.lost += 1
             return
@@ -97,7 +101,10 @@ class FaultyLockstep(Lockstep):
     link: ArduCopterLink
 
     def __init__(
-        self, flight: SimulatedFlight, pilot: Callable[[FaultyLockstep], Pilot], truth: Path | None = None
+        self,
+        flight: SimulatedFlight,
+        pilot: Callable[[FaultyLockstep], Pilot],
+        truth: Path | None = None,
     ) -> None:
         self.wire = Wire()
         self.start_companion_s = 0.0
@@ -132,7 +139,9 @@ class FaultyLockstep(Lockstep):
         self._killed = True
         self._turn_s = math.inf
         start_s, frame = self.flight.time_s + LAST_WORD_DELAY_S, self._last_frame
-        self._words.extend((start_s + last_word.PERIOD_S * k, frame) for k in range(last_word.TIMES) if frame)
+        self._words.extend(
+            (start_s + last_word.PERIOD_S * k, frame) for k in range(last_word.TIMES) if frame
+        )
         self.start_companion_s = self.flight.time_s + restart_after_s
 
     def interrupt(self) -> None:

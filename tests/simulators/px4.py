@@ -114,7 +114,9 @@ class Px4(ArduCopter):
             self.mode = mode
             self._reset_position(now)
             self.guided = Guided.HOLD
-            self.target = PositionTarget(position=now.position, yaw=self.shaped[2], time_s=self.time_s)
+            self.target = PositionTarget(
+                position=now.position, yaw=self.shaped[2], time_s=self.time_s
+            )
 
     def take_off(self, height_m: float, now: Estimate) -> bool:
         """AUTO_TAKEOFF: climb straight up, then hold."""
@@ -138,7 +140,10 @@ class Px4(ArduCopter):
         """OFFBOARD without a stream: Position with sticks; without, Hold, then Return. The stream brings it back."""
         if not self.armed or self.landed:
             return
-        if self.mode is Mode.GUIDED and self.time_s - self.stream_s > self.parameters["COM_OF_LOSS_T"]:
+        if (
+            self.mode is Mode.GUIDED
+            and self.time_s - self.stream_s > self.parameters["COM_OF_LOSS_T"]
+        ):
             self._lost_s = self.time_s
             sticks = self.time_s - self.sticks.time_s < STICKS_LOST_S
             self._enter(Mode.POSHOLD if sticks else Mode.LOITER, now)
@@ -146,7 +151,10 @@ class Px4(ArduCopter):
             if self.stream_runs:
                 self._lost_s = math.inf
                 self._enter(Mode.GUIDED, now)
-            elif self.mode is Mode.LOITER and self.time_s - self._lost_s > self.parameters["COM_FAIL_ACT_T"]:
+            elif (
+                self.mode is Mode.LOITER
+                and self.time_s - self._lost_s > self.parameters["COM_FAIL_ACT_T"]
+            ):
                 self._enter(Mode.RTL, now)
 
     # -- control ----------------------------------------------------------------------------------------------------
@@ -184,7 +192,9 @@ class Px4(ArduCopter):
             gain = p["MPC_XY_P"] if i < 2 else p["MPC_Z_P"]
             axis.position = self._place[i] if place is None else place
             axis.velocity, axis.accel = t.velocity[i], 0.0
-            return t.velocity[i] + (0.0 if place is None else gain * (place - self._place[i])), t.accel[i]
+            return t.velocity[i] + (
+                0.0 if place is None else gain * (place - self._place[i])
+            ), t.accel[i]
         axis.step(DT, t.position[i], t.velocity[i])
         gain = p["MPC_XY_P"] if i < 2 else p["MPC_Z_P"]
         return axis.velocity + gain * (axis.position - self._place[i]), axis.accel
@@ -219,7 +229,9 @@ class Px4(ArduCopter):
     def _climb(self, now: Estimate, up_m_s: float) -> float:
         """Hold height, or climb at a rate, without a position."""
         error = -up_m_s - now.velocity[2]
-        self._acc_i[2] = max(-GRAVITY, min(GRAVITY, self._acc_i[2] + self.parameters["MPC_Z_VEL_I_ACC"] * error * DT))
+        self._acc_i[2] = max(
+            -GRAVITY, min(GRAVITY, self._acc_i[2] + self.parameters["MPC_Z_VEL_I_ACC"] * error * DT)
+        )
         demand = self.parameters["MPC_Z_VEL_P_ACC"] * error + self._acc_i[2]
         return max(0.05, min(1.0, self.hover * (1.0 - demand / GRAVITY)))
 

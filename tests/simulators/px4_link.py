@@ -37,7 +37,9 @@ class _EscMessage:
 
     def pack(self, mav: Any) -> bytes:
         """The frame, numbered as all others of this sender."""
-        frame = pack(self.kind.id, self.kind.unpacker.pack(*self.fields), SYSTEM, AUTOPILOT, mav.seq)
+        frame = pack(
+            self.kind.id, self.kind.unpacker.pack(*self.fields), SYSTEM, AUTOPILOT, mav.seq
+        )
         mav.seq = (mav.seq + 1) % 256
         return frame
 
@@ -69,7 +71,9 @@ class Px4Link(ArduCopterLink):
 
     def _message_table(self) -> dict[int, Callable[[], Messages]]:
         table = super()._message_table()
-        table[mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = table.pop(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
+        table[mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = table.pop(
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+        )
         if table.pop(mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4, None):
             table |= {ESC_STATUS.id: self._esc_status, ESC_INFO.id: self._esc_info}
         return table
@@ -78,13 +82,20 @@ class Px4Link(ArduCopterLink):
         estimator = self._estimator
         tests = (0.05, estimator.test_ratio if estimator.trusted else 0.05, 0.05, 0.05, 0.05, 0.05)
         error_m = 0.3 if estimator.trusted else 5.0
-        return [mavlink.MAVLink_estimator_status_message(self.boot_us, self._position_flags(), *tests, error_m, 0.3)]
+        return [
+            mavlink.MAVLink_estimator_status_message(
+                self.boot_us, self._position_flags(), *tests, error_m, 0.3
+            )
+        ]
 
     def _esc_status(self) -> Messages:
         f, rpm = self._flight, self._esc_rpm()
         volts, amps = f.body.pack.voltage_v, f.body.pack.current_a / len(f.body.rpm)
         return [
-            _EscMessage(ESC_STATUS, (self.boot_us, *(round(v) for v in rpm[i : i + 4]), *[volts] * 4, *[amps] * 4, i))
+            _EscMessage(
+                ESC_STATUS,
+                (self.boot_us, *(round(v) for v in rpm[i : i + 4]), *[volts] * 4, *[amps] * 4, i),
+            )
             for i in range(0, len(rpm), 4)
         ]
 
@@ -93,7 +104,10 @@ class Px4Link(ArduCopterLink):
         temperature, count = round(100.0 * f.esc.temperature_c), len(f.body.rpm)
         heard, online = f.esc.count & 0xFFFF, (1 << count) - 1 & 0xFF
         return [
-            _EscMessage(ESC_INFO, (self.boot_us, *[0] * 4, heard, *[0] * 4, *[temperature] * 4, i, count, 5, online))
+            _EscMessage(
+                ESC_INFO,
+                (self.boot_us, *[0] * 4, heard, *[0] * 4, *[temperature] * 4, i, count, 5, online),
+            )
             for i in range(0, len(rpm), 4)
         ]
 

@@ -47,7 +47,11 @@ class TruthFile:
         f = self._flight
         b, a, reference = f.body, f.autopilot, f.reference
         gap = b.wall_gap_m - lip_reach(f.vehicle, b.surroundings.wall_azimuth_rad - b.euler()[2])
-        row = {"time_s": f"{f.time_s:.4f}", "script_s": f"{f.script_s:.4f}", "phase": reference.phase}
+        row = {
+            "time_s": f"{f.time_s:.4f}",
+            "script_s": f"{f.script_s:.4f}",
+            "phase": reference.phase,
+        }
         row |= _named("ref_n ref_e ref_d", reference.position)
         row |= _named("ref_vn ref_ve ref_vd", reference.velocity)
         row |= _named("n e d", b.position)
@@ -86,7 +90,9 @@ def read_truth(path: Path) -> dict[str, Array]:
         keep = [i for i, name in enumerate(names) if name not in ("phase", "hand")]
         started, hand = names.index("script_s"), names.index("hand")
         flown_rows = [row for row in rows if len(row) == len(names) and float(row[started]) >= 0.0]
-    table = np.array([[float(row[i]) for i in keep] for row in flown_rows]).reshape(len(flown_rows), len(keep))
+    table = np.array([[float(row[i]) for i in keep] for row in flown_rows]).reshape(
+        len(flown_rows), len(keep)
+    )
     columns = {names[i]: table[:, k] for k, i in enumerate(keep)}
     columns["streamed"] = np.array([float(row[hand] == "stream") for row in flown_rows])
     return columns

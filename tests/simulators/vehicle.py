@@ -20,13 +20,29 @@ from models.errors import UserError
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     p.add_argument("--scenario", choices=NAMES, default="corner")
-    p.add_argument("--port", type=int, default=14550, help="UDP port on 127.0.0.1 at which the companion listens")
-    p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
+    p.add_argument(
+        "--port",
+        type=int,
+        default=14550,
+        help="UDP port on 127.0.0.1 at which the companion listens",
+    )
+    p.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="draws the air, the turbulence and every sensor's errors",
+    )
     p.add_argument("--vehicle", type=Path, help="vehicle file (default: the paper's tandem)")
-    p.add_argument("--px4", action="store_true", help="an autopilot like PX4 in place of ArduCopter")
-    p.add_argument("--vision", action="store_true", help="no GPS: a position from visual odometry that drifts")
+    p.add_argument(
+        "--px4", action="store_true", help="an autopilot like PX4 in place of ArduCopter"
+    )
+    p.add_argument(
+        "--vision", action="store_true", help="no GPS: a position from visual odometry that drifts"
+    )
     return p
 
 

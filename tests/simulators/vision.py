@@ -85,7 +85,9 @@ class VisionEstimator(GpsEstimator):
             self._place[k] += self._speed[k] * dt
             self._speed[k] += (row[0] * f[0] + row[1] * f[1] + row[2] * f[2] + down[k]) * dt
         path = math.dist(self._true(), self._seen[-1])
-        self._drift = [d + self.drift * path * k for d, k in zip(self._drift, self.drifts, strict=True)]
+        self._drift = [
+            d + self.drift * path * k for d, k in zip(self._drift, self.drifts, strict=True)
+        ]
         self._seen.append(self._true())
         self._was.append(list(self._place))
         if self.gps and body.time_s >= self._next_s:
@@ -94,7 +96,9 @@ class VisionEstimator(GpsEstimator):
                 self.relocalise()
             self._correct(1.4 * _WITHIN_1_S * _PERIOD_S, _WITHIN_1_S**2 * _PERIOD_S)
         place, speed = self._place, self._speed
-        return replace(base, position=(place[0], place[1], place[2]), velocity=(speed[0], speed[1], speed[2]))
+        return replace(
+            base, position=(place[0], place[1], place[2]), velocity=(speed[0], speed[1], speed[2])
+        )
 
     def _true(self) -> Vec:
         x, y, z = self._body.position

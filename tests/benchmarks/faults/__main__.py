@@ -53,7 +53,8 @@ def markdown(results: Sequence[Result]) -> str:
         if not any(both):
             continue
         noticed, output, off, back = (
-            " · ".join("" if r is None else show(r) for r in both) for show in (_noticed, _output, _off, _back)
+            " · ".join("" if r is None else show(r) for r in both)
+            for show in (_noticed, _output, _off, _back)
         )
         lines.append(f"| {fault.what} | {noticed} | {output} | {off} | {back} |")
     return "\n".join(lines) + "\n"
@@ -82,15 +83,39 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="faults", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    p.add_argument("names", nargs="*", metavar="NAME", help="faults to fly (default: all); a part of a name is enough")
-    p.add_argument("--only", action="append", default=[], metavar="NAME", help="exactly this fault; may be repeated")
-    p.add_argument("--stack", choices=STACKS, action="append", help="one autopilot only (default: both)")
+    p.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="faults to fly (default: all); a part of a name is enough",
+    )
+    p.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="exactly this fault; may be repeated",
+    )
+    p.add_argument(
+        "--stack", choices=STACKS, action="append", help="one autopilot only (default: both)"
+    )
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt")
+    p.add_argument(
+        "--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt"
+    )
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    p.add_argument("--json", type=Path, metavar="FILE", help="the results, written after every flight")
-    p.add_argument("--resume", action="store_true", help="fly only what --json FILE does not hold yet")
-    p.add_argument("--table", type=Path, metavar="FILE.md", help="the table in Markdown, both stacks side by side")
+    p.add_argument(
+        "--json", type=Path, metavar="FILE", help="the results, written after every flight"
+    )
+    p.add_argument(
+        "--resume", action="store_true", help="fly only what --json FILE does not hold yet"
+    )
+    p.add_argument(
+        "--table",
+        type=Path,
+        metavar="FILE.md",
+        help="the table in Markdown, both stacks side by side",
+    )
     add_option(p)
     p.add_argument("--list", action="store_true", help="say what the faults are")
     return p
@@ -118,13 +143,20 @@ def flown_before(path: Path, seed: int, adapt: Adapt) -> dict[Job, Result]:
 def write_json(path: Path, results: Sequence[Result], seed: int, adapt: Adapt) -> None:
     """Whole or not at all."""
     flights = [{**r.as_json(), "complaints": complaints(BY_NAME[r.fault], r)} for r in results]
-    data = {"seed": seed, "adapt": adapt.value, "setpoints": sum(r.outputs for r in results), "flights": flights}
+    data = {
+        "seed": seed,
+        "adapt": adapt.value,
+        "setpoints": sum(r.outputs for r in results),
+        "flights": flights,
+    }
     part = path.with_name(path.name + ".part")
     part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     part.replace(path)
 
 
-def fly_all(jobs: Sequence[Job], done: dict[Job, Result], a: argparse.Namespace) -> dict[Job, Result]:
+def fly_all(
+    jobs: Sequence[Job], done: dict[Job, Result], a: argparse.Namespace
+) -> dict[Job, Result]:
     """Every job that is not done; rows are printed as flights end."""
     left, bars = [job for job in jobs if job not in done], Bars()
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
@@ -160,11 +192,17 @@ def main() -> int:
         f"requirements broken in {len(broken)} flights, {odd} flights with complaints"
     )
     figures = [
-        counted("flights as they should be", (not complaints(BY_NAME[r.fault], r) for r in results), least=1.0),
+        counted(
+            "flights as they should be",
+            (not complaints(BY_NAME[r.fault], r) for r in results),
+            least=1.0,
+        ),
         figure("setpoints checked", f"{outputs}"),
         figure("safety requirements broken", f"{len(broken)}", goal="0", met=not broken),
     ]
-    write_result(a, figures, seeds=f"seed {a.seed}; {len(faults)} faults", simulated=True, repeatable=True)
+    write_result(
+        a, figures, seeds=f"seed {a.seed}; {len(faults)} faults", simulated=True, repeatable=True
+    )
     if a.table is not None:
         a.table.write_text(markdown(results), encoding="utf-8")
     return 1 if odd else 0

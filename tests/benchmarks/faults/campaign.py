@@ -212,7 +212,9 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
         yield RECOVERY_S
 
     case = Case(fault.name, fault.what, script, px4=stack == "px4", wall_m=WALL_M)
-    flight = simulated(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, vision=fault.vision)
+    flight = simulated(
+        own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, vision=fault.vision
+    )
     if isinstance(flight.estimator, VisionEstimator):
         flight.estimator.relocalised_every_s = math.inf
 
@@ -241,12 +243,17 @@ class _Pilot(CasePilot):
         self.bench.tamper.step(self.bench.now_s)
 
 
-def _result(fault: Fault, stack: str, observer: Observer, pilot: CasePilot, begun_s: float, ended_s: float) -> Result:
+def _result(
+    fault: Fault, stack: str, observer: Observer, pilot: CasePilot, begun_s: float, ended_s: float
+) -> Result:
     seen = observer.seen
     before = [s for s in seen if begun_s - 0.5 <= s.at_s < begun_s]
     during = [s for s in seen if begun_s <= s.at_s < max(ended_s, begun_s + 1.0)]
     noticed, why = _noticed(seen, begun_s, ended_s)
-    after = next((s for s in seen if s.at_s > ended_s and not s.reasons and s.authority > _BACK and s.sent), None)
+    after = next(
+        (s for s in seen if s.at_s > ended_s and not s.reasons and s.authority > _BACK and s.sent),
+        None,
+    )
     report = observer.audit
     return Result(
         fault.name,
@@ -295,7 +302,11 @@ def complaints(fault: Fault, r: Result) -> list[str]:
         out.append(f"touched the wall for {r.wall_s:.2f} s")
     if r.ground_s > 0.01 and not lands:
         out.append(f"touched the ground for {r.ground_s:.2f} s")
-    allowed = fault.silent_off_m if fault.silent_off_m is not None and r.stack == "ardupilot" else fault.off_m
+    allowed = (
+        fault.silent_off_m
+        if fault.silent_off_m is not None and r.stack == "ardupilot"
+        else fault.off_m
+    )
     if r.off_m > allowed:
         out.append(f"driven {r.off_m:.2f} m off, {allowed:.2g} m allowed")
     return out

@@ -166,7 +166,18 @@ def rotors(change: Callable[[list[float], Bench], list[float]], count: bool = Tr
             payload = frame[10:-2].ljust(57, b"\0")
             values = change(list(struct.unpack_from("<4i", payload, 8)), b)
             packed = struct.pack("<4i", *(max(-(2**31), min(2**31 - 1, round(v))) for v in values))
-            return [(0.0, pack(ESC_STATUS, payload[:8] + packed + payload[24:], frame[5], frame[6], frame[4]))]
+            return [
+                (
+                    0.0,
+                    pack(
+                        ESC_STATUS,
+                        payload[:8] + packed + payload[24:],
+                        frame[5],
+                        frame[6],
+                        frame[4],
+                    ),
+                )
+            ]
 
         b.tamper.edits[ESC] = edit
         b.tamper.paths.append(path)
@@ -192,7 +203,12 @@ def shifted_group(b: Bench) -> None:
         if number == ESC:
             message = b.tamper._parser.parse_buffer(frame)[0]
             other = mavlink.MAVLink_esc_telemetry_5_to_8_message(
-                message.temperature, message.voltage, message.current, message.totalcurrent, message.rpm, message.count
+                message.temperature,
+                message.voltage,
+                message.current,
+                message.totalcurrent,
+                message.rpm,
+                message.count,
             )
             return [(0.0, other.pack(mavlink.MAVLink(None, 1, 1)))]
         if number == ESC_STATUS:
@@ -241,7 +257,14 @@ def bits_flipped(frame: bytes, b: Bench) -> list[tuple[float, bytes]]:
 
 
 def cut_short(frame: bytes, b: Bench) -> list[tuple[float, bytes]]:
-    return [(0.0, frame[: b.tamper.rng.randrange(1, len(frame))] if b.tamper.rng.random() < 0.1 else frame)]
+    return [
+        (
+            0.0,
+            frame[: b.tamper.rng.randrange(1, len(frame))]
+            if b.tamper.rng.random() < 0.1
+            else frame,
+        )
+    ]
 
 
 def forged(key: bytes | None) -> Act:
@@ -252,7 +275,9 @@ def forged(key: bytes | None) -> Act:
         for message in (
             mavlink.MAVLink_heartbeat_message(2, 3, 0, 5, 3, 3),
             mavlink.MAVLink_attitude_quaternion_message(ms, 0.8, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0),
-            mavlink.MAVLink_distance_sensor_message(ms, 3, 4000, 12, 0, 0, DOWN, 255, 0.0, 0.0, [0.0] * 4, 100),
+            mavlink.MAVLink_distance_sensor_message(
+                ms, 3, 4000, 12, 0, 0, DOWN, 255, 0.0, 0.0, [0.0] * 4, 100
+            ),
         ):
             raw = message.pack(mavlink.MAVLink(None, 1, 1))
             b.tamper.inject(raw if sign is None else signed(raw, sign), b.now_s)
@@ -308,14 +333,26 @@ def second_autopilot(b: Bench) -> None:
     ms = round(b.now_s * 1000.0)
     if ms % 100 < 10:
         b.tamper.say(mavlink.MAVLink_heartbeat_message(2, 3, 0, 5, 3, 3), b.now_s, 2, 1)
-        b.tamper.say(mavlink.MAVLink_local_position_ned_message(ms, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0), b.now_s, 2, 1)
-    b.tamper.say(mavlink.MAVLink_attitude_quaternion_message(ms, 0.8, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0), b.now_s, 2, 1)
+        b.tamper.say(
+            mavlink.MAVLink_local_position_ned_message(ms, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            b.now_s,
+            2,
+            1,
+        )
+    b.tamper.say(
+        mavlink.MAVLink_attitude_quaternion_message(ms, 0.8, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0),
+        b.now_s,
+        2,
+        1,
+    )
 
 
 def other_station(b: Bench) -> None:
     """A ground station turns down what we need."""
     for number in (ATTITUDE, POSITION, RANGE, ESC, ESC_STATUS):
-        command = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0)
+        command = mavlink.MAVLink_command_long_message(
+            1, 1, 511, 0, number, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0
+        )
         b.world.link.hear(command)
 
 

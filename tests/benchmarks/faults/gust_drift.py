@@ -54,7 +54,10 @@ def main() -> None:
         for stack in STACKS:
             for wind in WINDS_M_S:
                 way, push = drift(load_vehicle(path), stack, wind)
-                print(f"{path.stem:8} {stack:10} {wind:8.1f}  {push:9.2f}  {way:7.2f}  {way / push:13.2f}", flush=True)
+                print(
+                    f"{path.stem:8} {stack:10} {wind:8.1f}  {push:9.2f}  {way:7.2f}  {way / push:13.2f}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

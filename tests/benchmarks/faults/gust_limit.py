@@ -44,13 +44,19 @@ class BestAnswer:
 
 def main() -> None:
     """Fly and print."""
-    print(f"simulated; the wall is {GAP_M} m away\nstack      tilt away   comes nearer by, m (seeds {SEEDS})")
+    print(
+        f"simulated; the wall is {GAP_M} m away\nstack      tilt away   comes nearer by, m (seeds {SEEDS})"
+    )
     for stack in STACKS:
         for tilt in TILTS_DEG:
             near = []
             for seed in SEEDS:
                 answer = BestAnswer(math.radians(tilt))
-                fly(Fault("gust", "", answer.begin, end=calm, each=answer.watch, seconds=1.0), stack, seed)
+                fly(
+                    Fault("gust", "", answer.begin, end=calm, each=answer.watch, seconds=1.0),
+                    stack,
+                    seed,
+                )
                 near.append(answer.nearer_m)
             print(f"{stack:10} {tilt:5.0f} deg   " + "  ".join(f"{m:.2f}" for m in near))
 

@@ -84,7 +84,9 @@ class Tamper:
         if hasattr(message, "time_boot_ms"):
             message.time_boot_ms = (message.time_boot_ms + self.clock_ms) % 2**32
         elif hasattr(message, "time_usec"):
-            message.time_usec = (message.time_usec + 1000 * self.clock_ms) % 2 ** (32 if head.id == 36 else 64)
+            message.time_usec = (message.time_usec + 1000 * self.clock_ms) % 2 ** (
+                32 if head.id == 36 else 64
+            )
         if edit is not None and edit(message) is False:
             return None
         self._writer.srcSystem, self._writer.srcComponent = 1, 1

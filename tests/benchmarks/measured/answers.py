@@ -42,7 +42,11 @@ def ask(
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "answer.json"
-        program = [str(Path(__file__).with_name("settings.py")), *settings, "--"] if settings else ["-m", "replay"]
+        program = (
+            [str(Path(__file__).with_name("settings.py")), *settings, "--"]
+            if settings
+            else ["-m", "replay"]
+        )
         command = [
             sys.executable, *program, "diagnose", *(str(log.resolve()) for log in logs),
             *(["--mass", f"{_mass_kg(vehicle):g}"] if drafted else ["--vehicle", str(vehicle.resolve())]),
@@ -63,11 +67,25 @@ def ask(
 
 def train(table: Path) -> Path:
     """The model of a table of the air, trained once and kept in a temporary folder."""
-    out = Path(tempfile.gettempdir()) / "measured-flights" / f"model-{crc32(table.read_bytes()):08x}"
+    out = (
+        Path(tempfile.gettempdir()) / "measured-flights" / f"model-{crc32(table.read_bytes()):08x}"
+    )
     if not (out / "model.json").exists():
-        command = [sys.executable, "-m", "models", "train", "--data", str(table), "--method", "ensemble"]
+        command = [
+            sys.executable,
+            "-m",
+            "models",
+            "train",
+            "--data",
+            str(table),
+            "--method",
+            "ensemble",
+        ]
         subprocess.run(
-            [*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env={**os.environ, "OMP_NUM_THREADS": "1"}
+            [*command, "--out", str(out), "--quiet"],
+            check=True,
+            cwd=REPO,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
         )
     return out
 

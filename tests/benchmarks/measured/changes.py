@@ -37,7 +37,9 @@ class Change:
 
 
 def _lighter(text: str, vehicle: Mapping[str, Any]) -> str:
-    return re.sub(r"(?m)^mass_kg = .*$", f"mass_kg = {LIGHTER * vehicle['mass_kg']:.6g}", text, count=1)
+    return re.sub(
+        r"(?m)^mass_kg = .*$", f"mass_kg = {LIGHTER * vehicle['mass_kg']:.6g}", text, count=1
+    )
 
 
 def _weaker(text: str, vehicle: Mapping[str, Any]) -> str:
@@ -51,7 +53,9 @@ def _shifted(text: str, vehicle: Mapping[str, Any]) -> str:
     blocks = text.split("[[fan]]")
     for k, fan in enumerate(vehicle["fan"], 1):
         x, y, z = fan["position_m"]
-        blocks[k] = re.sub(r"position_m = .*", f"position_m = [{x + ahead:.6g}, {y}, {z}]", blocks[k], count=1)
+        blocks[k] = re.sub(
+            r"position_m = .*", f"position_m = [{x + ahead:.6g}, {y}, {z}]", blocks[k], count=1
+        )
     return "[[fan]]".join(blocks)
 
 
@@ -74,7 +78,7 @@ CHANGES = {
     "lighter": Change(
         _lighter, (frozenset(LEVEL),), LEVEL,
         lambda v: (
-            Range("payload", "mass", 0.04 * v["mass_kg"], 0.16 * v["mass_kg"]),
+            Range("payload", "mass_kg", 0.04 * v["mass_kg"], 0.16 * v["mass_kg"]),
             Range("thrust_scale", "scale", -0.16, -0.04),
         ),
         speeds=True,
@@ -109,10 +113,14 @@ def changed(flight: Flight, name: str, data: Path, folder: Path) -> Flight | Non
         source=f"{flight.source}, {name}",
         vehicle=str(wrong.resolve()),
         must=(*flight.must, *change.must),
-        may=flight.may | frozenset(n for n in change.touches if {n} & frozenset().union(*change.must)),
+        may=flight.may
+        | frozenset(n for n in change.touches if {n} & frozenset().union(*change.must)),
         unknown=flight.unknown - frozenset().union(*change.must),
         never=flight.never - frozenset(change.touches),
         limits=(*kept, *change.limits),
-        sizes=(*(r for r in flight.sizes if r.effect not in change.touches), *change.sizes(vehicle)),
+        sizes=(
+            *(r for r in flight.sizes if r.effect not in change.touches),
+            *change.sizes(vehicle),
+        ),
         again=False,
     )

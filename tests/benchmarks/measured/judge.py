@@ -20,6 +20,8 @@ CLOSED = frozenset({"nothing_missing", "explained"})
 """Verdicts that say that nothing unnamed is left."""
 BEST_FACTOR = 1.2
 TOP_CHANNELS = 3
+OLD_NAMES = {"mass_kg": "mass", "length_m": "rope_m"}
+"""What answers called a parameter before the fourth edition of the contract."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,14 @@ class Judgement:
     @property
     def right(self) -> bool:
         """All that had to be said was said, nothing wrong, nothing claimed too much."""
-        return not (self.wrong or self.missed or self.refused or self.overclaim or self.verdict_wrong)
+        return not (
+            self.wrong or self.missed or self.refused or self.overclaim or self.verdict_wrong
+        )
 
 
-def judge_refusal(flight: Flight, exit_code: int, complaint: str, seconds: float = 0.0) -> Judgement:
+def judge_refusal(
+    flight: Flight, exit_code: int, complaint: str, seconds: float = 0.0
+) -> Judgement:
     """Judge a command that gave no answer: exit code 3 is a refusal, any other a failure."""
     refused = exit_code == 3
     faults = [n.partition(":")[2] for group in flight.must for n in group if n.startswith("fault:")]
@@ -96,14 +102,24 @@ def judge_refusal(flight: Flight, exit_code: int, complaint: str, seconds: float
     )  # fmt: skip
 
 
-def judge(flight: Flight, known: Known, answer: Answer, weight_n: float, seconds: float = 0.0) -> Judgement:
+def judge(
+    flight: Flight, known: Known, answer: Answer, weight_n: float, seconds: float = 0.0
+) -> Judgement:
     """Judge the JSON ``answer`` on ``flight`` of a vehicle that weighs ``weight_n``."""
     effects = list(answer["effects"])
     verdict = str(answer["verdict"])
-    statements = tuple(_statement(flight, known, answer, e) for e in effects) + _not_adopted(flight, answer)
+    statements = tuple(_statement(flight, known, answer, e) for e in effects) + _not_adopted(
+        flight, answer
+    )
     said = {s.effect for s in statements if s.named and s.right is not False}
-    missed = tuple("|".join(sorted(g)) for g in flight.must if not _satisfied(g, said, flight, known, answer))
-    axes = tuple(_axis(flight, name, a) for name, a in answer["axes"].items() if a.get("rms_after") is not None)
+    missed = tuple(
+        "|".join(sorted(g)) for g in flight.must if not _satisfied(g, said, flight, known, answer)
+    )
+    axes = tuple(
+        _axis(flight, name, a)
+        for name, a in answer["axes"].items()
+        if a.get("rms_after") is not None
+    )
     names = ", ".join(str(e["name"]) for e in effects) or "no name"
     aliases = "; ".join("/".join(a) for a in answer.get("aliases", []))
     return Judgement(
@@ -114,13 +130,18 @@ def judge(flight: Flight, known: Known, answer: Answer, weight_n: float, seconds
     )  # fmt: skip
 
 
-def _statement(flight: Flight, known: Known, answer: Answer, effect: Mapping[str, Any]) -> Statement:
+def _statement(
+    flight: Flight, known: Known, answer: Answer, effect: Mapping[str, Any]
+) -> Statement:
     name = str(effect["name"])
     right, why = _is_right(flight, known, answer, name)
     for limit in flight.limits:
-        value = _value(effect, limit.parameter) if limit.effect == name else None
+        value = _value(flight, effect, limit.parameter) if limit.effect == name else None
         if value is not None and not limit.holds(value):
-            right, why = False, f"{limit.parameter} {value:.3g} is not within {limit.low:g} to {limit.high:g}"
+            right, why = (
+                False,
+                f"{limit.parameter} {value:.3g} is not within {limit.low:g} to {limit.high:g}",
+            )
     return statement(effect, right, why)
 
 
@@ -146,18 +167,24 @@ def _stands_for(name: str, names: frozenset[str], known: Known, answer: Answer) 
     return frozenset(
         other
         for other in names - reported
-        if any({name, other} <= c for c in classes) and any({name, other} <= kind for kind in known.aliases)
+        if any({name, other} <= c for c in classes)
+        and any({name, other} <= kind for kind in known.aliases)
     )
 
 
-def _satisfied(group: frozenset[str], said: set[str], flight: Flight, known: Known, answer: Answer) -> bool:
+def _satisfied(
+    group: frozenset[str], said: set[str], flight: Flight, known: Known, answer: Answer
+) -> bool:
     if group & said or any(group & _stands_for(name, flight.true, known, answer) for name in said):
         return True
     faults = [str(f.get("channel", "")) for f in answer.get("log_faults", [])]
-    channels = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][:TOP_CHANNELS]
+    channels = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][
+        :TOP_CHANNELS
+    ]
     wanted = [n.partition(":") for n in group if ":" in n]
     return any(
-        any(f.startswith(what) for f in faults) if kind == "fault" else what in channels for kind, _, what in wanted
+        any(f.startswith(what) for f in faults) if kind == "fault" else what in channels
+        for kind, _, what in wanted
     )
 
 
@@ -189,7 +216,11 @@ def _overclaim(flight: Flight, answer: Answer, axes: Sequence[Axis], weight_n: f
 
 def _axis(flight: Flight, name: str, entry: Mapping[str, Any]) -> Axis:
     return Axis(
-        name, float(entry["rms_before"]), float(entry["rms_after"]), str(entry["unit"]), dict(flight.best).get(name)
+        name,
+        float(entry["rms_before"]),
+        float(entry["rms_after"]),
+        str(entry["unit"]),
+        dict(flight.best).get(name),
     )
 
 
@@ -197,13 +228,35 @@ def _sizes(flight: Flight, effects: Sequence[Mapping[str, Any]]) -> tuple[Size, 
     out = []
     for effect in effects:
         for r in flight.sizes:
-            value = _value(effect, r.parameter) if r.effect == effect["name"] else None
-            if value is not None:
-                ci = effect["parameters"][r.parameter].get("ci95")
-                interval = (float(ci[0]), float(ci[1])) if ci else None
-                out.append(Size(r.effect, r.parameter, value, interval, r.low, r.high, r.holds(value)))
+            if r.effect != effect["name"]:
+                continue
+            entry = _entry(flight, effect, r.parameter)
+            value = number(entry.get("value"))
+            if value is None:
+                continue
+            ci = entry.get("ci95")
+            interval = (float(ci[0]), float(ci[1])) if ci else None
+            out.append(Size(r.effect, r.parameter, value, interval, r.low, r.high, r.holds(value)))
     return tuple(out)
 
 
-def _value(effect: Mapping[str, Any], parameter: str) -> float | None:
-    return number(effect.get("parameters", {}).get(parameter, {}).get("value"))
+def _value(flight: Flight, effect: Mapping[str, Any], parameter: str) -> float | None:
+    return number(_entry(flight, effect, parameter).get("value"))
+
+
+def _entry(flight: Flight, effect: Mapping[str, Any], parameter: str) -> Mapping[str, Any]:
+    """A parameter of an answer's effect, by today's name or an older one.
+
+    ValueError where it has none of these: a size that the table asks for must not go unjudged in silence. An answer
+    without any parameters gives names alone, and has no sizes to judge.
+    """
+    parameters: Mapping[str, Mapping[str, Any]] = effect.get("parameters", {})
+    for name in (parameter, OLD_NAMES.get(parameter)):
+        if name in parameters:
+            return parameters[name]
+    if not parameters:
+        return {}
+    asked = f"{effect['name']}.{parameter}"
+    raise ValueError(
+        f"{flight.source}: {flight.name}: the table asks for {asked}; the answer has {sorted(parameters)}"
+    )

@@ -18,7 +18,7 @@ CATALOGUE = frozenset(
         "thrust_scale", "thrust_curve", "fan_imbalance", "payload", "cg_offset", "range_offset", "imu_bias",
         "thermal_derating", "battery_sag", "gyroscopic", "ground_effect", "wall_effect", "corner_effect",
         "surface_law", "motor_lag", "contact",
-        "slung_load",
+        "slung_load", "mounting_tilt",
     }
 )  # fmt: skip
 """Names that the table may use. A name that an answer adds to them is unknown: the table could not foresee it."""
@@ -153,7 +153,9 @@ def _flight(source: Mapping[str, Any], flight: Mapping[str, Any]) -> Flight:
     verdicts = frozenset(flight.get("verdicts", VERDICTS))
     if not verdicts <= VERDICTS:
         raise ValueError(f"{where}: verdicts {sorted(verdicts - VERDICTS)}")
-    made = {k: joined(k) for k in ("unknown", "never")} | {k: ranges(k) for k in ("limits", "sizes")}
+    made = {k: joined(k) for k in ("unknown", "never")} | {
+        k: ranges(k) for k in ("limits", "sizes")
+    }
     made |= {
         "may": joined("may") - joined("never"),
         "must": must,

@@ -26,7 +26,9 @@ Value = float | str
 @contextmanager
 def used(settings: Mapping[str, Value]) -> Iterator[None]:
     """The search with these settings; ValueError names one that no module has."""
-    modules = [import_module(f"replay.search.{m.name}") for m in iter_modules(replay.search.__path__)]
+    modules = [
+        import_module(f"replay.search.{m.name}") for m in iter_modules(replay.search.__path__)
+    ]
     with ExitStack() as stack:
         for name, value in settings.items():
             holders = [m for m in modules if _fits(getattr(m, name, None), value)]
@@ -39,7 +41,9 @@ def used(settings: Mapping[str, Value]) -> Iterator[None]:
 
 def parse(words: Sequence[str]) -> dict[str, Value]:
     """``["TRUST=0.25", "_predictive=off"]`` by name."""
-    return {name: OFF if value == OFF else float(value) for name, value in (w.split("=") for w in words)}
+    return {
+        name: OFF if value == OFF else float(value) for name, value in (w.split("=") for w in words)
+    }
 
 
 def _fits(held: float | Callable[..., Any] | None, value: Value) -> bool:

@@ -31,7 +31,9 @@ class Autopilot:
         self.expo = np.array([c.expo for c in crafts])
         self.to_motors = np.stack([_to_motors(c) for c in crafts])
 
-    def wanted_force(self, place: Array, speed: Array, target: Array, target_v: Array, dt: float) -> Array:
+    def wanted_force(
+        self, place: Array, speed: Array, target: Array, target_v: Array, dt: float
+    ) -> Array:
         """World force over the mass (n, 3) that goes to ``target`` (n, 3)."""
         wanted_v = np.clip(0.8 * (target - place), -3.0, 3.0) + target_v
         error = wanted_v - speed
@@ -45,7 +47,9 @@ class Autopilot:
         force[:, :2] *= np.minimum(1.0, most / np.maximum(level, 1e-9))[:, None]
         return force
 
-    def outputs(self, rotation: Array, rates: Array, force: Array, yaw: Array, turn: Array, dt: float) -> Array:
+    def outputs(
+        self, rotation: Array, rates: Array, force: Array, yaw: Array, turn: Array, dt: float
+    ) -> Array:
         """Commands (n, motors) from 0 to 1. ``turn`` (n,): a roll rate that a pilot asks for; NaN: none."""
         up = force / np.linalg.norm(force, axis=1, keepdims=True)
         wanted = _leaning(up, yaw)

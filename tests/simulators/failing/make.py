@@ -44,7 +44,16 @@ def make(folder: Path, seed: int, each: int, kinds: tuple[str, ...]) -> None:
             rates = tlog.Rates(imu=imu, servo=servo)
             for speeds in (False, True):
                 own = f"{name}_{'speeds' if speeds else 'outputs'}"
-                tlog.write(folder / f"{own}.tlog", crafts[i], flights[i], tape, i, seed + i, speeds=speeds, rates=rates)
+                tlog.write(
+                    folder / f"{own}.tlog",
+                    crafts[i],
+                    flights[i],
+                    tape,
+                    i,
+                    seed + i,
+                    speeds=speeds,
+                    rates=rates,
+                )
                 text = craft.vehicle_toml(crafts[i], rng, speeds=speeds)
                 (folder / f"{own}.toml").write_text(text, encoding="utf-8")
                 happened = asdict(flights[i]) | {"frame": frame, "fails": flights[i].fails}

@@ -30,7 +30,17 @@ class Rates:
     esc: int = 2
 
 
-def write(path: Path, craft: Craft, case: Case, tape: Tape, i: int, seed: int, *, speeds: bool, rates: Rates) -> None:
+def write(
+    path: Path,
+    craft: Craft,
+    case: Case,
+    tape: Tape,
+    i: int,
+    seed: int,
+    *,
+    speeds: bool,
+    rates: Rates,
+) -> None:
     """Flight ``i`` of the tape, to its own end. ``speeds``: with ESC telemetry."""
     rng = np.random.default_rng([seed, 3])
     link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -45,7 +55,14 @@ def write(path: Path, craft: Craft, case: Case, tape: Tape, i: int, seed: int, *
 
 
 def _messages(
-    craft: Craft, case: Case, tape: Tape, i: int, rng: np.random.Generator, *, speeds: bool, rates: Rates
+    craft: Craft,
+    case: Case,
+    tape: Tape,
+    i: int,
+    rng: np.random.Generator,
+    *,
+    speeds: bool,
+    rates: Rates,
 ) -> Iterator[tuple[float, Any]]:
     for name, value in _parameters(craft).items():
         yield 0.0, dialect.MAVLink_param_value_message(name.encode(), value, 9, 40, 0)
@@ -57,7 +74,9 @@ def _messages(
     noise = 0.15 + G * np.sqrt(2.0) * tape.shaken[:count, i]
     accel = tape.force[:count, i] + noise[:, None] * rng.standard_normal((count, 3))
     accel += rng.normal(0.0, 0.08, 3)
-    gyro = tape.rates[:count, i] + 0.01 * (1.0 + 5.0 * tape.shaken[:count, i, None]) * rng.standard_normal((count, 3))
+    gyro = tape.rates[:count, i] + 0.01 * (
+        1.0 + 5.0 * tape.shaken[:count, i, None]
+    ) * rng.standard_normal((count, 3))
     accel = np.clip(accel, -16.0 * G, 16.0 * G)
     euler = _euler(tape.quaternion[:count, i]) + rng.normal(0.0, 0.004, (count, 3))
     for k in range(count):
@@ -65,20 +84,28 @@ def _messages(
         ms = round((30.0 + t) * 1e3)
         us = round((30.0 + t) * 1e6)
         if k % rates.imu == 0:
-            whole = [round(float(v) / G * 1e3) for v in accel[k]] + [round(float(v) * 1e3) for v in gyro[k]]
+            whole = [round(float(v) / G * 1e3) for v in accel[k]] + [
+                round(float(v) * 1e3) for v in gyro[k]
+            ]
             whole = [int(np.clip(v, -32767, 32767)) for v in whole]
             yield t, dialect.MAVLink_raw_imu_message(us, *whole, 200, 0, 450, 0, 3800)
             yield t, dialect.MAVLink_attitude_message(ms, *euler[k].tolist(), *gyro[k].tolist())
         if k % rates.servo == 0:
             pulses = np.rint(1000.0 + 1000.0 * tape.command[k, i]).astype(int).tolist()
             pulses += [0] * (16 - len(pulses))
-            yield t, dialect.MAVLink_servo_output_raw_message(us % 2**32, 0, *pulses[:8], *pulses[8:])
+            yield (
+                t,
+                dialect.MAVLink_servo_output_raw_message(us % 2**32, 0, *pulses[:8], *pulses[8:]),
+            )
         if speeds and k % rates.esc == 0:
             yield from _escs(t, craft, tape.speed[k, i], tape.volts[k, i], rng)
         if k % 5 == 0:
             place = tape.position[k, i] + rng.normal(0.0, 0.02, 3)
             speed = tape.velocity[k, i] + rng.normal(0.0, 0.03, 3)
-            yield t, dialect.MAVLink_local_position_ned_message(ms, *place.tolist(), *speed.tolist())
+            yield (
+                t,
+                dialect.MAVLink_local_position_ned_message(ms, *place.tolist(), *speed.tolist()),
+            )
         if k % 25 == 0:
             millivolts = round(float(tape.volts[k, i]) * 1e3 / 3.0)
             cells = [millivolts] * 3 + [65535] * 7
@@ -87,8 +114,13 @@ def _messages(
             yield t, dialect.MAVLink_heartbeat_message(MAV_TYPE[craft.frame], 3, 128 + 81, 5, 4, 3)
 
 
-def _escs(t: float, craft: Craft, speed: Array, volts: float, rng: np.random.Generator) -> Iterator[tuple[float, Any]]:
-    groups = (dialect.MAVLink_esc_telemetry_1_to_4_message, dialect.MAVLink_esc_telemetry_5_to_8_message)
+def _escs(
+    t: float, craft: Craft, speed: Array, volts: float, rng: np.random.Generator
+) -> Iterator[tuple[float, Any]]:
+    groups = (
+        dialect.MAVLink_esc_telemetry_1_to_4_message,
+        dialect.MAVLink_esc_telemetry_5_to_8_message,
+    )
     rpm = speed * 60.0 / (2.0 * np.pi)
     noisy = np.maximum(rpm + 0.003 * rpm.mean() * rng.standard_normal(len(rpm)), 0.0)
     volts_c = [round(float(volts) * 100.0)] * 4

@@ -43,7 +43,9 @@ def fly(crafts: Sequence[Craft], cases: Sequence[Case], rng: np.random.Generator
 
 
 class _World:
-    def __init__(self, crafts: Sequence[Craft], cases: Sequence[Case], rng: np.random.Generator) -> None:
+    def __init__(
+        self, crafts: Sequence[Craft], cases: Sequence[Case], rng: np.random.Generator
+    ) -> None:
         n = len(crafts)
         self.n = n
         self.crafts = crafts
@@ -100,7 +102,17 @@ class _World:
             self._move(rotation, force, moment)
             self.spent += drawn * DT
         columns = [np.stack(column) for column in zip(*kept, strict=True)]
-        names = ("time_s", "position", "velocity", "quaternion", "rates", "force", "command", "speed", "volts")
+        names = (
+            "time_s",
+            "position",
+            "velocity",
+            "quaternion",
+            "rates",
+            "force",
+            "command",
+            "speed",
+            "volts",
+        )
         return Tape(**dict(zip((*names, "shaken"), columns, strict=True)))
 
     def _pilot(self, t: float, rotation: Array) -> None:
@@ -176,7 +188,9 @@ class _World:
         goal = np.where(torque < 0.1, bare, reach)
         goal = np.where(np.isfinite(fixed), fixed, goal)
         self.turning = self.turning + DT / self.tau[:, None] * (goal - self.turning)
-        self.turning = np.where(self.spread <= 0.0, np.maximum(self.turning - 4.0 * DT, 0.0), self.turning)
+        self.turning = np.where(
+            self.spread <= 0.0, np.maximum(self.turning - 4.0 * DT, 0.0), self.turning
+        )
         hubs = self._velocity_of(rotation, self.places)
         up = -hubs[..., 2] / self.tip[:, None]
         thrust = self.turning * (self.turning - self.inflow[:, None] * 0.35 * up)
@@ -232,7 +246,9 @@ class _World:
     def _touch(self, rotation: Array) -> tuple[Array, Array]:
         """Ground below 0 and, for flights into a wall, a wall to the north: springs with damping and friction."""
         where = self.p[:, None] + np.einsum("nij,nkj->nki", rotation, self.feet)
-        moving = self.v[:, None] + np.einsum("nij,nkj->nki", rotation, np.cross(self.w[:, None], self.feet))
+        moving = self.v[:, None] + np.einsum(
+            "nij,nkj->nki", rotation, np.cross(self.w[:, None], self.feet)
+        )
         stiff = (self.mass * G / (0.03 * self.arm))[:, None]
         damping = 0.6 * np.sqrt(stiff * self.mass[:, None] / 4.0)
         world = np.zeros_like(where)
@@ -244,7 +260,9 @@ class _World:
         for i, case in enumerate(self.cases):
             if case.kind == "wall" and self.t > case.since_s:
                 inside = np.maximum(where[i, :, 0] - self.legs[i].home[0] - 4.0, 0.0)
-                push = np.maximum(stiff[i] * inside + damping[i] * moving[i, :, 0], 0.0) * (inside > 0.0)
+                push = np.maximum(stiff[i] * inside + damping[i] * moving[i, :, 0], 0.0) * (
+                    inside > 0.0
+                )
                 world[i, :, 0] -= push
         body = np.einsum("nji,nkj->nki", rotation, world)
         return body.sum(axis=1), np.cross(self.feet, body).sum(axis=1)
@@ -300,7 +318,9 @@ def _legs(case: Case, rng: np.random.Generator) -> _Legs:
     count = int(case.end_s / 4.0) + 2
     times = TAKE_OFF_S + 4.0 * np.arange(count)
     height = rng.uniform(*case.height_m)
-    places = np.column_stack([rng.normal(0.0, 2.5, count), rng.normal(0.0, 2.5, count), np.full(count, -height)])
+    places = np.column_stack(
+        [rng.normal(0.0, 2.5, count), rng.normal(0.0, 2.5, count), np.full(count, -height)]
+    )
     places[:, 2] += rng.uniform(-0.15, 0.15, count) * height
     still = rng.random(count) < 0.5
     for k in range(1, count):

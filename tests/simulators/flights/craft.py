@@ -77,7 +77,12 @@ QUAD = Craft(
     inertia=(0.055, 0.061, 0.098),
     radius_m=0.14,
     lip_m=0.14,
-    fan_position=((0.22, 0.22, -0.05), (-0.22, -0.22, -0.05), (0.22, -0.22, -0.05), (-0.22, 0.22, -0.05)),
+    fan_position=(
+        (0.22, 0.22, -0.05),
+        (-0.22, -0.22, -0.05),
+        (0.22, -0.22, -0.05),
+        (-0.22, 0.22, -0.05),
+    ),
     rotors_per_fan=1,
     spin=(-1, -1, 1, 1),
     hover_rpm=5600.0,
@@ -118,7 +123,9 @@ def rangers(craft: Craft, *, ceiling: bool, front: bool) -> tuple[Ranger, ...]:
     return tuple(out)
 
 
-def vehicle_toml(craft: Craft, sensors: tuple[Ranger, ...], *, by_servo: bool, mass_factor: float = 1.0) -> str:
+def vehicle_toml(
+    craft: Craft, sensors: tuple[Ranger, ...], *, by_servo: bool, mass_factor: float = 1.0
+) -> str:
     """The vehicle file of the contract, section 3. ``mass_factor`` other than 1 declares a wrong mass."""
     lines = [
         f'name = "{craft.name}"',
@@ -134,7 +141,12 @@ def vehicle_toml(craft: Craft, sensors: tuple[Ranger, ...], *, by_servo: bool, m
             f'{{ {channel} = {k + 1}, spin = "{"cw" if craft.spin[k] > 0 else "ccw"}" }}'
             for k in range(i * per, (i + 1) * per)
         )
-        lines += ["", "[[fan]]", f"position_m = {list(position)}", f"lip_radius_m = {craft.lip_m:g}"]
+        lines += [
+            "",
+            "[[fan]]",
+            f"position_m = {list(position)}",
+            f"lip_radius_m = {craft.lip_m:g}",
+        ]
         if craft.cq:
             lines += [f"ct = {craft.ct:.6g}", f"cq = {craft.cq:g}"]
         lines.append(f"rotors = [{rotors}]")

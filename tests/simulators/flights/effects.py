@@ -120,9 +120,15 @@ class SecondWall(Effect):
         i, craft = self.i, self.craft
         d2 = np.maximum(WALL_NORTH - s.fan_north[:, i] - craft.lip_m, 0.01)
         alone = near_wall.fan_wrench(craft, s.height[:, i], d2, s.air_rpm[:, i])
-        free = near_wall.fan_wrench(craft, s.height[:, i], np.full_like(d2, np.inf), s.air_rpm[:, i])
-        extra = near_wall.to_body(self.p["gain"] * (alone - free), np.broadcast_to(-s.yaw[i], d2.shape))
-        extra[2] += self.p["loss"] * s.lift[:, i] * np.exp(-(np.maximum(s.d[:, i], 0.0) + d2) / 0.45)
+        free = near_wall.fan_wrench(
+            craft, s.height[:, i], np.full_like(d2, np.inf), s.air_rpm[:, i]
+        )
+        extra = near_wall.to_body(
+            self.p["gain"] * (alone - free), np.broadcast_to(-s.yaw[i], d2.shape)
+        )
+        extra[2] += (
+            self.p["loss"] * s.lift[:, i] * np.exp(-(np.maximum(s.d[:, i], 0.0) + d2) / 0.45)
+        )
         _push_fans(s, i, extra[:3])
         s.moment[:, i] += extra[3:].sum(axis=1)
 
@@ -139,9 +145,13 @@ class PartialGround(Effect):
     def loads(self, s: World) -> None:
         i, craft = self.i, self.craft
         t = np.clip((EDGE_NORTH - s.fan_north[:, i]) / craft.radius_m, -1.0, 1.0)
-        covered = 0.5 + (t * np.sqrt(1.0 - t * t) + np.arcsin(t)) / np.pi  # area of a circle's segment
+        covered = (
+            0.5 + (t * np.sqrt(1.0 - t * t) + np.arcsin(t)) / np.pi
+        )  # area of a circle's segment
         rpm = s.air_rpm[:, i]
-        over = near_wall.fan_wrench(craft, np.maximum(s.height[:, i] - EDGE_HEIGHT, 0.02), s.d[:, i], rpm)[2]
+        over = near_wall.fan_wrench(
+            craft, np.maximum(s.height[:, i] - EDGE_HEIGHT, 0.02), s.d[:, i], rpm
+        )[2]
         floor = near_wall.fan_wrench(craft, s.height[:, i], s.d[:, i], rpm)[2]
         zero = np.zeros_like(over)
         _push_fans(s, i, np.stack([zero, zero, -covered * (over - floor)]))
@@ -160,7 +170,9 @@ class _RelativeWind(Effect):
         )
 
     def push(self, s: World, side: Array) -> None:
-        _push_fans(s, self.i, np.stack([side[0], side[1], np.zeros_like(side[0])]), self.p["above_m"])
+        _push_fans(
+            s, self.i, np.stack([side[0], side[1], np.zeros_like(side[0])]), self.p["above_m"]
+        )
 
     @staticmethod
     def draw_fan(rng: Rng, craft: Craft) -> dict[str, float]:
@@ -177,7 +189,10 @@ class Wind(_RelativeWind):
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
         angle = float(rng.uniform(0.0, 2.0 * np.pi))
         speed = float(rng.uniform(0.4, 0.8))
-        return Wind.draw_fan(rng, craft) | {"north": speed * np.cos(angle), "east": speed * np.sin(angle)}
+        return Wind.draw_fan(rng, craft) | {
+            "north": speed * np.cos(angle),
+            "east": speed * np.sin(angle),
+        }
 
     def loads(self, s: World) -> None:
         wind = np.stack([self.p["north"], self.p["east"], np.zeros(len(self.i))])
@@ -205,13 +220,22 @@ class BodyDrag(Effect):
 
     @staticmethod
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
-        return {"front_m2": float(rng.uniform(0.25, 0.42)), "side_m2": float(rng.uniform(0.25, 0.42))}
+        return {
+            "front_m2": float(rng.uniform(0.25, 0.42)),
+            "side_m2": float(rng.uniform(0.25, 0.42)),
+        }
 
     def loads(self, s: World) -> None:
         v = np.einsum("jkn,jn->kn", s.R[:, :, self.i], s.v[:, self.i])
-        for axis, area in ((0, self.p["front_m2"]), (1, self.p["side_m2"]), (2, 0.3 * self.p["front_m2"])):
+        for axis, area in (
+            (0, self.p["front_m2"]),
+            (1, self.p["side_m2"]),
+            (2, 0.3 * self.p["front_m2"]),
+        ):
             speed = np.abs(v[axis])
-            s.force[axis, self.i] -= 0.5 * RHO0 * area * 1.1 * speed * v[axis] * (speed + 0.3) ** -0.1
+            s.force[axis, self.i] -= (
+                0.5 * RHO0 * area * 1.1 * speed * v[axis] * (speed + 0.3) ** -0.1
+            )
 
 
 class VerticalInflow(Effect):
@@ -241,7 +265,9 @@ class AirDensity(Effect):
         hot = bool(rng.random() < 0.6)
         return {
             "kelvin": 273.15 + float(rng.uniform(21.0, 29.0) if hot else rng.uniform(0.0, 8.0)),
-            "pascal": float(rng.uniform(99500.0, 101300.0) if hot else rng.uniform(101300.0, 102500.0)),
+            "pascal": float(
+                rng.uniform(99500.0, 101300.0) if hot else rng.uniform(101300.0, 102500.0)
+            ),
         }
 
     def start(self, s: World) -> None:
@@ -271,7 +297,10 @@ class FanImbalance(Effect):
     @staticmethod
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
         fans = len(craft.fan_position)
-        return {"fan": float(rng.integers(fans)), "share": -float(rng.uniform(0.03, 0.05)) * fans / 1.4}
+        return {
+            "fan": float(rng.integers(fans)),
+            "share": -float(rng.uniform(0.03, 0.05)) * fans / 1.4,
+        }
 
     def factors(self, s: World) -> None:
         s.fan_gain[self.p["fan"].astype(int), self.i] *= 1.0 + self.p["share"]
@@ -331,7 +360,11 @@ class ImuBias(Effect):
 
     @staticmethod
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
-        return {"x": signed(rng, 0.15, 0.4), "y": signed(rng, 0.15, 0.4), "z": signed(rng, 0.1, 0.3)}
+        return {
+            "x": signed(rng, 0.15, 0.4),
+            "y": signed(rng, 0.15, 0.4),
+            "z": signed(rng, 0.1, 0.3),
+        }
 
     def loads(self, s: World) -> None:
         creep = 1.0 + 0.05 * (1.0 - np.exp(-s.t / 60.0))
@@ -366,7 +399,9 @@ class BatterySag(Effect):
 
     def start(self, s: World) -> None:
         # Without rpm the pack acts on thrust in full, so a lesser weakness is as much force.
-        s.weak[self.i] = np.where(s.by_servo[self.i], 1.0 + 0.2 * (self.p["weak"] - 1.0), self.p["weak"])
+        s.weak[self.i] = np.where(
+            s.by_servo[self.i], 1.0 + 0.2 * (self.p["weak"] - 1.0), self.p["weak"]
+        )
         s.fixed_v[self.i] = np.nan
 
     def factors(self, s: World) -> None:
@@ -404,7 +439,11 @@ class GroundEffect(Effect):
 
     @staticmethod
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
-        return {"gain": float(rng.uniform(0.35, 0.6)) if craft.rotors_per_fan == 2 else float(rng.uniform(0.8, 1.2))}
+        return {
+            "gain": float(rng.uniform(0.35, 0.6))
+            if craft.rotors_per_fan == 2
+            else float(rng.uniform(0.8, 1.2))
+        }
 
     def loads(self, s: World) -> None:
         i = self.i
@@ -435,7 +474,9 @@ class WallEffect(Effect):
         flow = np.sqrt(thrust * craft.area / (2.0 * RHO0))  # volume flow of the disc
         drawn = flow / (4.0 * np.pi * (2.0 * away) ** 2)
         pull = self.p["gain"] * RHO0 * flow * drawn
-        tilt = self.p["gain"] * 0.25 * thrust * craft.radius_m * (craft.radius_m / (2.0 * away)) ** 2
+        tilt = (
+            self.p["gain"] * 0.25 * thrust * craft.radius_m * (craft.radius_m / (2.0 * away)) ** 2
+        )
         bearing = np.broadcast_to(np.pi / 2 - s.yaw[i], pull.shape)
         zero = np.zeros_like(pull)
         extra = near_wall.to_body(np.stack([pull, zero, zero, zero, tilt, zero]), bearing)
@@ -499,7 +540,10 @@ class SlungLoad(Effect):
 
     @staticmethod
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
-        return {"kg": float(rng.uniform(0.025, 0.05)) * craft.mass_kg, "rope_m": float(rng.uniform(0.35, 0.6))}
+        return {
+            "kg": float(rng.uniform(0.025, 0.05)) * craft.mass_kg,
+            "rope_m": float(rng.uniform(0.35, 0.6)),
+        }
 
     def start(self, s: World) -> None:
         self.place = s.p[:, self.i].copy()

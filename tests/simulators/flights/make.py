@@ -24,7 +24,9 @@ VISIBLE = 0.97  # an axis carries the effect where the oracle is below this shar
 BATCH = 40
 
 
-def make_round(folder: Path, round_number: int, names: Iterable[str] = (), *, progress: bool = False) -> dict[str, Any]:
+def make_round(
+    folder: Path, round_number: int, names: Iterable[str] = (), *, progress: bool = False
+) -> dict[str, Any]:
     """Write the flights of a round (all, or those named) and return their truth by name."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "table.csv").exists():
@@ -34,11 +36,16 @@ def make_round(folder: Path, round_number: int, names: Iterable[str] = (), *, pr
     truth: dict[str, Any] = json.loads(truth_file.read_text()) if truth_file.exists() else {}
     missing = [s for s in wanted if s.name not in truth]
     for batch in _batches(missing):
-        tape = World(batch[0].craft, [s.job(round_number) for s in batch], batch[0].duration_s).fly()
+        tape = World(
+            batch[0].craft, [s.job(round_number) for s in batch], batch[0].duration_s
+        ).fly()
         for k, scenario in enumerate(batch):
             truth[scenario.name] = _write(folder, scenario, round_number, tape, k)
             if progress:
-                print(f"{scenario.name}: {truth[scenario.name]['size_of_weight']:.3f} of weight", flush=True)
+                print(
+                    f"{scenario.name}: {truth[scenario.name]['size_of_weight']:.3f} of weight",
+                    flush=True,
+                )
         truth_file.write_text(json.dumps(truth, indent=1))
     return {s.name: truth[s.name] for s in wanted}
 
@@ -52,26 +59,37 @@ def _batches(missing: Sequence[Scenario]) -> Iterable[list[Scenario]]:
             yield group[start : start + BATCH]
 
 
-def _write(folder: Path, scenario: Scenario, round_number: int, tape: Tape, k: int) -> dict[str, Any]:
+def _write(
+    folder: Path, scenario: Scenario, round_number: int, tape: Tape, k: int
+) -> dict[str, Any]:
     craft, seed = scenario.craft, scenario.seed(round_number)
     sensors = rangers(craft, ceiling=scenario.ceiling, front=scenario.front)
-    toml = vehicle_toml(craft, sensors, by_servo=scenario.by_servo, mass_factor=scenario.mass_factor)
+    toml = vehicle_toml(
+        craft, sensors, by_servo=scenario.by_servo, mass_factor=scenario.mass_factor
+    )
     (folder / f"{scenario.name}.toml").write_text(toml)
     seen = sense(craft, tape, k, seed, sensors, scenario.log)
     path = folder / f"{scenario.name}.tlog"
     if scenario.second:
         other = _parked(sense(craft, tape, k, seed + 1, sensors, scenario.log))
         quiet = replace(scenario.log, system=7)
-        streams = [frames(craft, seen, seed, sensors, scenario.log), frames(craft, other, seed, sensors, quiet)]
+        streams = [
+            frames(craft, seen, seed, sensors, scenario.log),
+            frames(craft, other, seed, sensors, quiet),
+        ]
         write_mixed(streams, path)
     else:
         write_tlog(craft, seen, seed, sensors, scenario.log, path)
-    before = residual(craft, seen, sensors, by_servo=scenario.by_servo, mass_factor=scenario.mass_factor)
+    before = residual(
+        craft, seen, sensors, by_servo=scenario.by_servo, mass_factor=scenario.mass_factor
+    )
     effect = tape.effect[:, :, k].copy()
     effect[:, :3] += (scenario.mass_factor - 1.0) * craft.mass_kg * tape.specific_force[:, :, k]
     table = rms_table(before, effect)
     at2 = table["2"]
-    carrying = [a for a, b, o in zip(AXES, at2["before"], at2["oracle"], strict=True) if o < VISIBLE * b]
+    carrying = [
+        a for a, b, o in zip(AXES, at2["before"], at2["oracle"], strict=True) if o < VISIBLE * b
+    ]
     parameters = scenario.job(round_number).effects
     return {
         "group": scenario.group,

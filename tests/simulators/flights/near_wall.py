@@ -44,7 +44,16 @@ def fan_wrench(craft: Craft, h: Array, d: Array, rpm: Array) -> Array:
     tilt = 0.032 * near * (1.0 + ridge)
     torque = 0.012 * over / (1.0 + e * e) + 0.01 * ridge
     arm = thrust * craft.radius_m
-    return np.stack([thrust * pull, 0.06 * thrust * pull, thrust * lift, -0.06 * arm * tilt, arm * tilt, arm * torque])
+    return np.stack(
+        [
+            thrust * pull,
+            0.06 * thrust * pull,
+            thrust * lift,
+            -0.06 * arm * tilt,
+            arm * tilt,
+            arm * torque,
+        ]
+    )
 
 
 def to_body(corner: Array, bearing: Array) -> Array:
@@ -57,8 +66,40 @@ def to_body(corner: Array, bearing: Array) -> Array:
 def write_table(craft: Craft, path: Path) -> None:
     """Sample the law on a grid, in the data-set format of the contract, section 4."""
     r = craft.radius_m
-    heights = [*(r * np.array([0.3, 0.5, 0.65, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.4, 3.8, 4.2, 5.0]))]
-    walls = [*(r * np.array([0.05, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.0, 2.4, 2.8, 3.2, 3.8, 4.5]))]
+    heights = [
+        *(
+            r
+            * np.array(
+                [
+                    0.3,
+                    0.5,
+                    0.65,
+                    0.8,
+                    1.0,
+                    1.2,
+                    1.4,
+                    1.6,
+                    1.8,
+                    2.0,
+                    2.3,
+                    2.6,
+                    3.0,
+                    3.4,
+                    3.8,
+                    4.2,
+                    5.0,
+                ]
+            )
+        )
+    ]
+    walls = [
+        *(
+            r
+            * np.array(
+                [0.05, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.0, 2.4, 2.8, 3.2, 3.8, 4.5]
+            )
+        )
+    ]
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         out.writerow(["h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm"])

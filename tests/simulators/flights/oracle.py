@@ -17,7 +17,12 @@ BANDWIDTHS_HZ = (1.0, 2.0, 5.0, 12.0)
 
 
 def residual(
-    craft: Craft, seen: Sensed, sensors: tuple[Ranger, ...], *, by_servo: bool, mass_factor: float = 1.0
+    craft: Craft,
+    seen: Sensed,
+    sensors: tuple[Ranger, ...],
+    *,
+    by_servo: bool,
+    mass_factor: float = 1.0,
 ) -> Array:
     """Measured minus declared wrench about the declared CG, body FRD, (t, 6)."""
     w, x, y, z = seen.quaternion.T

@@ -40,22 +40,33 @@ class Pilot:
         lift = GRAVITY - accel[2]
         c, s = np.cos(yaw), np.sin(yaw)
         forward, right = c * accel[0] + s * accel[1], -s * accel[0] + c * accel[1]
-        pitch_wanted, roll_wanted = -np.arctan2(forward, lift), np.arctan2(right, np.hypot(lift, forward))
+        pitch_wanted, roll_wanted = (
+            -np.arctan2(forward, lift),
+            np.arctan2(right, np.hypot(lift, forward)),
+        )
         pitch = np.arcsin(np.clip(-rotation[2, 0], -1.0, 1.0))
         roll = np.arctan2(rotation[2, 1], rotation[2, 2])
         turn = (yaw_wanted - yaw + np.pi) % (2.0 * np.pi) - np.pi
         wanted_rates = np.stack(
-            [6.0 * (roll_wanted - roll), 5.0 * (pitch_wanted - pitch), np.clip(2.0 * turn, -1.2, 1.2)]
+            [
+                6.0 * (roll_wanted - roll),
+                5.0 * (pitch_wanted - pitch),
+                np.clip(2.0 * turn, -1.2, 1.2),
+            ]
         )
         error = wanted_rates - rates
         gain = np.array([[16.0], [10.0], [6.0]])
-        self.rate_i = np.clip(self.rate_i + dt * np.array([[12.0], [8.0], [4.0]]) * error, -8.0, 8.0)
+        self.rate_i = np.clip(
+            self.rate_i + dt * np.array([[12.0], [8.0], [4.0]]) * error, -8.0, 8.0
+        )
         self.d_term += dt * 60.0 * ((rates - self.last_rates) / dt - self.d_term)
         self.last_rates = rates.copy()
         spin_up = gain * error + self.rate_i - np.array([[0.15], [0.25], [0.0]]) * self.d_term
         moment = self.inertia * np.clip(spin_up, -40.0, 40.0)
         thrust = self.craft.mass_kg * lift / np.clip(rotation[2, 2], 0.6, 1.0)
-        thrust = np.clip(thrust, 0.3 * self.craft.mass_kg * GRAVITY, 1.5 * self.craft.mass_kg * GRAVITY)
+        thrust = np.clip(
+            thrust, 0.3 * self.craft.mass_kg * GRAVITY, 1.5 * self.craft.mass_kg * GRAVITY
+        )
         return self._mix(thrust, moment)
 
     def _mix(self, thrust: Array, moment: Array) -> tuple[Array, Array]:
@@ -85,4 +96,6 @@ def rotor_thrust(craft: Craft, pwm: Array) -> Array:
 def _effectiveness(craft: Craft) -> Array:
     """Thrust and moments (4, fans) per newton of each fan: r x (0, 0, -L) and the drag torque of its rotor."""
     x, y = np.array(craft.fan_position).T[:2]
-    return np.stack([np.ones_like(x), -y, x, -np.array(craft.spin) * craft.cq / craft.ct * craft.radius_m])
+    return np.stack(
+        [np.ones_like(x), -y, x, -np.array(craft.spin) * craft.cq / craft.ct * craft.radius_m]
+    )

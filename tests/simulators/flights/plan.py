@@ -54,7 +54,13 @@ def _wall_at(height: float) -> Block:
 def _turn(rng: Rng, craft: Craft, home: float) -> list[Leg]:
     sign = float(rng.choice([-1.0, 1.0]))
     legs = [
-        Leg(float(rng.uniform(3.0, 4.5)), 0.0, 0.0, home, sign * q * np.pi / 2 + float(rng.uniform(-0.2, 0.2)))
+        Leg(
+            float(rng.uniform(3.0, 4.5)),
+            0.0,
+            0.0,
+            home,
+            sign * q * np.pi / 2 + float(rng.uniform(-0.2, 0.2)),
+        )
         for q in (1, 2, 3, 4, 3, 1)
     ]
     return [*legs, Leg(4.5, 0.0, 0.0, home)]
@@ -112,7 +118,9 @@ def _vertex(rng: Rng, craft: Craft, home: float) -> list[Leg]:
 
 def _beside_both(duration: float, front: float, right: float, height: float, craft: Craft) -> Leg:
     nose = craft.fan_position[0][0] + craft.lip_m
-    return Leg(duration, WALL_NORTH - nose - front, WALL_EAST - craft.lip_m - right, -height, 0.0, 0.5)
+    return Leg(
+        duration, WALL_NORTH - nose - front, WALL_EAST - craft.lip_m - right, -height, 0.0, 0.5
+    )
 
 
 def _push(rng: Rng, craft: Craft, home: float) -> list[Leg]:
@@ -121,7 +129,13 @@ def _push(rng: Rng, craft: Craft, home: float) -> list[Leg]:
     for height in rng.uniform(0.8, 1.2, 5):
         legs += [
             Leg(2.5, 0.0, east - 0.25, -float(height), speed=0.4),
-            Leg(float(rng.uniform(2.0, 3.0)), 0.0, east - float(rng.uniform(-0.03, 0.04)), -float(height), speed=0.3),
+            Leg(
+                float(rng.uniform(2.0, 3.0)),
+                0.0,
+                east - float(rng.uniform(-0.03, 0.04)),
+                -float(height),
+                speed=0.3,
+            ),
             Leg(2.0, 0.0, east - 0.3, -float(height), speed=0.5),
         ]
     return [Leg(4.0, 0.0, east - 0.4, home), *legs, Leg(5.0, 0.0, 0.0, home)]
@@ -165,7 +179,12 @@ STANDARD = ("hover", "ground", "wall_high", "wall_low", "turn", "lateral", "vert
 
 
 def draw_plan(
-    rng: Rng, craft: Craft, blocks: tuple[str, ...], duration_s: float, home: float = -1.0, first: tuple[str, ...] = ()
+    rng: Rng,
+    craft: Craft,
+    blocks: tuple[str, ...],
+    duration_s: float,
+    home: float = -1.0,
+    first: tuple[str, ...] = (),
 ) -> list[Leg]:
     """Blocks in a random order, hover at both ends, more blocks of the same kinds until the time is filled.
 

@@ -43,8 +43,12 @@ class Battery:
         """Draw ``current`` [A] for ``dt`` [s]."""
         self.charge = self.charge - current * dt
         soc = np.clip(self.charge / self.capacity, 0.0, 1.0)
-        self.diffusion_v = self.diffusion_v + dt / self.diffusion_s * (current * self.diffusion_r - self.diffusion_v)
-        open_v = self.cells * (3.68 + 0.45 * soc**1.3 + 0.08 * np.tanh(12.0 * (soc - 0.08)) - 0.04 * (1.0 - soc))
+        self.diffusion_v = self.diffusion_v + dt / self.diffusion_s * (
+            current * self.diffusion_r - self.diffusion_v
+        )
+        open_v = self.cells * (
+            3.68 + 0.45 * soc**1.3 + 0.08 * np.tanh(12.0 * (soc - 0.08)) - 0.04 * (1.0 - soc)
+        )
         volts = open_v - current * self.resistance - self.diffusion_v
         self.volts = np.where(np.isnan(self.fixed_v), volts, self.fixed_v)
 
@@ -73,4 +77,6 @@ class Heat:
         copper = 12.0 * self.watts_per_thrust15 * load**1.5 * (1.0 + 0.0039 * (self.winding - 25.0))
         flow = self.to_case * (self.winding - self.case)
         self.winding = self.winding + dt / self.winding_j_k * (copper - flow)
-        self.case = self.case + dt / self.case_j_k * (flow - self.to_air * (self.case - self.ambient))
+        self.case = self.case + dt / self.case_j_k * (
+            flow - self.to_air * (self.case - self.ambient)
+        )

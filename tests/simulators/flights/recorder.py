@@ -58,7 +58,9 @@ class Sensed:
     boot_s: float
 
 
-def sense(craft: Craft, tape: Tape, k: int, seed: int, sensors: tuple[Ranger, ...], log: Logging) -> Sensed:
+def sense(
+    craft: Craft, tape: Tape, k: int, seed: int, sensors: tuple[Ranger, ...], log: Logging
+) -> Sensed:
     """Flight ``k`` of a tape through its sensors."""
     rng = np.random.default_rng([seed, 11])
     n = len(tape.time)
@@ -93,7 +95,9 @@ def sense(craft: Craft, tape: Tape, k: int, seed: int, sensors: tuple[Ranger, ..
         quaternion=_rotate(tape.quaternion[:, :, k], tilt),
         position=tape.position[:, :, k] + wander(0.01, 15.0, 3) + white(0.004, 3),
         velocity=tape.velocity[:, :, k] + wander(0.012, 5.0, 3) + white(0.014, 3),
-        rpm=np.rint(np.repeat(tape.rpm[:, :, k], per, axis=1) * unequal + white(3.0, len(craft.spin))),
+        rpm=np.rint(
+            np.repeat(tape.rpm[:, :, k], per, axis=1) * unequal + white(3.0, len(craft.spin))
+        ),
         pwm=tape.pwm[:, :, k],
         ranges=_beams(rng, tape.ranges[:, :, k], sensors),
         volts=tape.volts[:, k] + white(0.01),
@@ -127,13 +131,20 @@ def _rotate(q: Array, small: Array) -> Array:
     w, x, y, z = q.T
     a, b, c = 0.5 * small.T
     out = np.stack(
-        [w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b - x * c + z * a, z + w * c + x * b - y * a]
+        [
+            w - x * a - y * b - z * c,
+            x + w * a + y * c - z * b,
+            y + w * b - x * c + z * a,
+            z + w * c + x * b - y * a,
+        ]
     )
     turned: Array = (out / np.sqrt((out * out).sum(axis=0))).T
     return turned
 
 
-def write_tlog(craft: Craft, seen: Sensed, seed: int, sensors: tuple[Ranger, ...], log: Logging, path: Path) -> None:
+def write_tlog(
+    craft: Craft, seen: Sensed, seed: int, sensors: tuple[Ranger, ...], log: Logging, path: Path
+) -> None:
     """One flight as a tlog."""
     path.write_bytes(b"".join(frame for _, frame in frames(craft, seen, seed, sensors, log)))
 
@@ -176,11 +187,19 @@ def frames(
                 us, ax, ay, az, p, q, r, 0.21, 0.02, 0.42, seen.pressure[k] / 100.0, 0.0, 0.0, 31.0, 0x1FFF, 0
             ), late["imu"])  # fmt: skip
         send(real, m.MAVLink_attitude_message(ms, *euler[k], p, q, r), late["att"])
-        send(real, m.MAVLink_attitude_quaternion_message(ms, *seen.quaternion[k], p, q, r, [0.0] * 4), late["quat"])
+        send(
+            real,
+            m.MAVLink_attitude_quaternion_message(ms, *seen.quaternion[k], p, q, r, [0.0] * 4),
+            late["quat"],
+        )
         pwm = [*np.repeat(seen.pwm[k, : rotors // per], per).astype(int).tolist()]
         pwm += [0] * (4 - len(pwm)) + seen.pwm[k, rotors // per :].astype(int).tolist()
         pwm = (pwm + pad)[:16]
-        send(real, m.MAVLink_servo_output_raw_message(us % 2**32, 0, *pwm[:8], *pwm[8:]), late["servo"])
+        send(
+            real,
+            m.MAVLink_servo_output_raw_message(us % 2**32, 0, *pwm[:8], *pwm[8:]),
+            late["servo"],
+        )
         if log.send_rpm and k >= seen.rpm_delay:
             old = k - seen.rpm_delay
             ampere = max(seen.amperes[k], 0.0) / rotors
@@ -190,7 +209,11 @@ def frames(
                 [int(v) for v in seen.rpm[old]], [k % 65536] * 4,
             ), late["esc"])  # fmt: skip
         if k % 2 == 0:
-            send(real, m.MAVLink_local_position_ned_message(ms, *seen.position[k], *seen.velocity[k]), late["pos"])
+            send(
+                real,
+                m.MAVLink_local_position_ned_message(ms, *seen.position[k], *seen.velocity[k]),
+                late["pos"],
+            )
         if k >= seen.range_delay:
             for number, sensor in enumerate(sensors):
                 reading = seen.ranges[k - seen.range_delay, number]
@@ -219,7 +242,9 @@ def _euler(q: Array) -> Array:
     w, x, y, z = q.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    return np.stack([roll, pitch, np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))], axis=-1)
+    return np.stack(
+        [roll, pitch, np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))], axis=-1
+    )
 
 
 def _mavlink(system: int) -> tuple[Any, Any]:

@@ -48,7 +48,9 @@ def thrust_ratio(craft: Craft, rpm: Array, u: Array, w: Array) -> Array:
     return thrust / still
 
 
-def side_force(craft: Craft, thrust: Array, rpm: Array, ux: Array, uy: Array, w: Array, turned: Array) -> Array:
+def side_force(
+    craft: Craft, thrust: Array, rpm: Array, ux: Array, uy: Array, w: Array, turned: Array
+) -> Array:
     """In-plane force (2, ...) [N] on a fan moving at (ux, uy) through air; ``turned`` = share of momentum lost."""
     u = np.hypot(ux, uy)
     v = induced(craft, thrust, u, w)

@@ -73,7 +73,9 @@ class Scenario:
         seed = self.seed(round_number)
         rng = np.random.default_rng([seed, 3])
         kinds = [(CATALOGUE | UNLISTED)[name] for name in self.effects]
-        first = tuple(dict.fromkeys(b for kind in kinds for b in kind.blocks if self.blocks == STANDARD))
+        first = tuple(
+            dict.fromkeys(b for kind in kinds for b in kind.blocks if self.blocks == STANDARD)
+        )
         avoid = {b for kind in kinds for b in kind.without}
         blocks = tuple(b for b in dict.fromkeys((*self.blocks, *first)) if b not in avoid)
         plan = draw_plan(rng, self.craft, blocks, self.duration_s, first=first)
@@ -99,7 +101,16 @@ PAIRS = (
     ("ground_effect", "imu_bias"),
     ("wall_effect", "fan_imbalance"),
 )
-ON_QUAD = ("thrust_scale", "payload", "wind", "rotor_drag", "cg_offset", "imu_bias", "ground_effect", "fan_imbalance")
+ON_QUAD = (
+    "thrust_scale",
+    "payload",
+    "wind",
+    "rotor_drag",
+    "cg_offset",
+    "imu_bias",
+    "ground_effect",
+    "fan_imbalance",
+)
 NEEDS_OUTPUTS = ("battery_sag", "motor_lag")
 """Effects also flown on a vehicle whose thrust is declared by servo outputs, where they are at home."""
 
@@ -109,7 +120,10 @@ def scenarios(round_number: int) -> list[Scenario]:
     out = [Scenario(f"null_{k}", "null") for k in range(5)]
     out += [Scenario("null_servo", "null", by_servo=True), Scenario("null_quad", "null", QUAD)]
     out += [Scenario(name, "single", effects=(name,)) for name in CATALOGUE]
-    out += [Scenario(f"{name}_servo", "single", effects=(name,), by_servo=True) for name in NEEDS_OUTPUTS]
+    out += [
+        Scenario(f"{name}_servo", "single", effects=(name,), by_servo=True)
+        for name in NEEDS_OUTPUTS
+    ]
     start = round_number % len(ON_QUAD)
     for name in (ON_QUAD * 2)[start : start + 4]:
         out.append(Scenario(f"{name}_quad", "single", QUAD, (name,)))
@@ -130,7 +144,9 @@ def _bad() -> list[Scenario]:
         Scenario("bad_no_rpm", "bad", log=Logging(send_rpm=False)),
         Scenario("bad_no_imu", "bad", log=Logging(send_imu=False)),
         Scenario("bad_20s", "bad", duration_s=20.0, blocks=("hover", "vertical")),
-        Scenario("bad_20s_wind", "bad", effects=("wind",), duration_s=20.0, blocks=("hover", "vertical")),
+        Scenario(
+            "bad_20s_wind", "bad", effects=("wind",), duration_s=20.0, blocks=("hover", "vertical")
+        ),
         Scenario("bad_hover_only", "bad", blocks=("hover",)),
         Scenario("bad_hover_only_cg", "bad", effects=("cg_offset",), blocks=("hover",)),
         Scenario("bad_hover_only_drag", "bad", effects=("rotor_drag",), blocks=("hover",)),

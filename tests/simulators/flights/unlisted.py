@@ -38,7 +38,9 @@ class HeadingForce(UnlistedForce):
         return {"share": _size(rng), "phase": float(rng.uniform(0.0, 2.0 * np.pi))}
 
     def loads(self, s: World) -> None:
-        s.force[2, self.i] += self.newtons(1.0) * self.p["share"] * np.sin(2.0 * s.yaw[self.i] + self.p["phase"])
+        s.force[2, self.i] += (
+            self.newtons(1.0) * self.p["share"] * np.sin(2.0 * s.yaw[self.i] + self.p["phase"])
+        )
 
 
 class Hum(UnlistedForce):
@@ -52,7 +54,9 @@ class Hum(UnlistedForce):
         return {"share": _size(rng), "hz": float(rng.uniform(0.25, 0.7))}
 
     def loads(self, s: World) -> None:
-        s.force[0, self.i] += self.newtons(1.0) * self.p["share"] * np.sin(2.0 * np.pi * self.p["hz"] * s.t)
+        s.force[0, self.i] += (
+            self.newtons(1.0) * self.p["share"] * np.sin(2.0 * np.pi * self.p["hz"] * s.t)
+        )
 
 
 class NorthForce(UnlistedForce):
@@ -67,7 +71,9 @@ class NorthForce(UnlistedForce):
         return {"share": _size(rng), "width": float(rng.uniform(0.25, 0.4))}
 
     def loads(self, s: World) -> None:
-        s.force[2, self.i] += self.newtons(1.0) * self.p["share"] * np.tanh(s.p[0, self.i] / self.p["width"])
+        s.force[2, self.i] += (
+            self.newtons(1.0) * self.p["share"] * np.tanh(s.p[0, self.i] / self.p["width"])
+        )
 
 
 class CurrentYaw(UnlistedForce):
@@ -104,7 +110,9 @@ class RateHysteresis(UnlistedForce):
     def loads(self, s: World) -> None:
         mean = s.fan_rpm[:, self.i].mean(axis=0)
         self.slow = self.slow + s.dt / 0.15 * (mean - self.slow)
-        s.force[0, self.i] += self.newtons(1.0) * self.p["share"] * np.tanh((mean - self.slow) / 20.0)
+        s.force[0, self.i] += (
+            self.newtons(1.0) * self.p["share"] * np.tanh((mean - self.slow) / 20.0)
+        )
 
 
 class LatePull(UnlistedForce):
@@ -153,7 +161,9 @@ class Shelf(UnlistedForce):
 
     def loads(self, s: World) -> None:
         i = self.i
-        s.force[0, i] += self.newtons(1.0) * self.p["share"] * np.sin(2.0 * np.pi * s.p[2, i] / self.p["wave_m"])
+        s.force[0, i] += (
+            self.newtons(1.0) * self.p["share"] * np.sin(2.0 * np.pi * s.p[2, i] / self.p["wave_m"])
+        )
 
 
 class VaneFlap(UnlistedForce):
@@ -169,7 +179,9 @@ class VaneFlap(UnlistedForce):
     def loads(self, s: World) -> None:
         i = self.i
         deflection = (s.vane_us[:, i] - VANE_NEUTRAL) * VANE_RAD_PER_US
-        s.force[2, i] += self.newtons(1.0) * self.p["share"] * np.tanh((deflection / 0.06) ** 2).mean(axis=0)
+        s.force[2, i] += (
+            self.newtons(1.0) * self.p["share"] * np.tanh((deflection / 0.06) ** 2).mean(axis=0)
+        )
 
 
 UNLISTED: dict[str, type[UnlistedForce]] = {

@@ -63,7 +63,9 @@ class Tape:
 class World:
     """State of all flights; effects read and change it through their hooks."""
 
-    def __init__(self, craft: Craft, jobs: Sequence[Job], duration_s: float, settle_s: float = SETTLE_S) -> None:
+    def __init__(
+        self, craft: Craft, jobs: Sequence[Job], duration_s: float, settle_s: float = SETTLE_S
+    ) -> None:
         n, fans = len(jobs), len(craft.fan_position)
         self.craft, self.jobs, self.n, self.dt = craft, jobs, n, DT
         self.duration_s, self.settle_s = duration_s, settle_s
@@ -111,7 +113,9 @@ class World:
         self._noise_state = np.zeros((fans + 5, modes, n))
         self.noise = np.zeros((fans + 5, n))
         scale = craft.mass_kg / 4.6
-        self._noise_size = np.array([*[0.34 * scale * np.sqrt(2.0 / fans)] * fans, 0.30, 0.30, 0.024, 0.02, 0.013])
+        self._noise_size = np.array(
+            [*[0.34 * scale * np.sqrt(2.0 / fans)] * fans, 0.30, 0.30, 0.024, 0.02, 0.013]
+        )
         self._noise_size[fans:] *= scale
         self._estimate = np.zeros((6, n))
 
@@ -123,7 +127,9 @@ class World:
         self.cg[:, i] = kg * lump / self.mass[i]
         reduced = bare * kg / self.mass[i]
         x2, y2, z2 = lump**2
-        self.inertia[:, i] = self.base_inertia[:, i] + reduced * np.stack([y2 + z2, x2 + z2, x2 + y2])
+        self.inertia[:, i] = self.base_inertia[:, i] + reduced * np.stack(
+            [y2 + z2, x2 + z2, x2 + y2]
+        )
 
     def fly(self) -> Tape:
         """Run all flights to the end."""
@@ -164,7 +170,9 @@ class World:
         place, speed, push, yaw = self._plan.at(self.t, 2 * DT)
         place = place.copy()
         place[1] -= 2.0 * np.maximum(self.keep_off_wall - self.d.min(axis=0), 0.0)
-        place[2] += 2.0 * np.maximum(self.keep_off_ceiling - (CEILING_HEIGHT - self.height.max(axis=0)), 0.0)
+        place[2] += 2.0 * np.maximum(
+            self.keep_off_ceiling - (CEILING_HEIGHT - self.height.max(axis=0)), 0.0
+        )
         seen_p, seen_v = self.p + self._estimate[:3], self.v + self._estimate[3:]
         self.pwm, self.vane_wanted = self.pilot.outputs(
             2 * DT, seen_p, seen_v, self.R, self.w, self.yaw, place, speed, push, yaw
@@ -178,8 +186,14 @@ class World:
             self.current = watts / self.battery.volts * 2.0 + 0.8 + self.aux_current
             self.battery.step(DT * TICK, self.current)
             self.heat.step(DT * TICK, load)
-        thrust = rotor_thrust(craft, self.pwm) * craft.rotors_per_fan * (self.battery.volts / craft.voltage_v) ** 2
-        settled = craft.hover_rpm * (thrust / craft.hover_fan_thrust) ** (1.0 / (2.0 + craft.reynolds))
+        thrust = (
+            rotor_thrust(craft, self.pwm)
+            * craft.rotors_per_fan
+            * (self.battery.volts / craft.voltage_v) ** 2
+        )
+        settled = craft.hover_rpm * (thrust / craft.hover_fan_thrust) ** (
+            1.0 / (2.0 + craft.reynolds)
+        )
         self.fan_rpm = self.fan_rpm + DT / self.motor_tau * (settled - self.fan_rpm)
         self.vane_us = self.vane_us + DT / 0.012 * (self.vane_wanted - self.vane_us)
 
@@ -207,7 +221,9 @@ class World:
     ) -> tuple[Array, Array, Array]:
         """Force, moment (3, n) about the declared CG and lift (fans, n) of fans and vanes in the declared air."""
         craft = self.craft
-        wrench = near_wall.to_body(near_wall.fan_wrench(craft, h, d, rpm) * gain, np.pi / 2 - self.yaw)
+        wrench = near_wall.to_body(
+            near_wall.fan_wrench(craft, h, d, rpm) * gain, np.pi / 2 - self.yaw
+        )
         force, moment = wrench[:3].sum(axis=1), wrench[3:].sum(axis=1)
         for f, (x, y, z) in enumerate(craft.fan_position):
             fx, fy, fz = wrench[:3, f]
@@ -259,7 +275,12 @@ class World:
         a, b, c = 0.5 * DT * self.w
         w, x, y, z = self.q
         q = self.q + np.stack(
-            [-x * a - y * b - z * c, w * a + y * c - z * b, w * b - x * c + z * a, w * c + x * b - y * a]
+            [
+                -x * a - y * b - z * c,
+                w * a + y * c - z * b,
+                w * b - x * c + z * a,
+                w * c + x * b - y * a,
+            ]
         )
         self.q = q / np.sqrt((q * q).sum(axis=0))
 
@@ -267,7 +288,12 @@ class World:
 
     def _frame(self, force: Array, spin_up: Array) -> tuple[Array, ...]:
         craft = self.craft
-        felt = force / self.mass - cross(spin_up, self.cg) - cross(self.w, cross(self.w, self.cg)) + self.accel_bias
+        felt = (
+            force / self.mass
+            - cross(spin_up, self.cg)
+            - cross(self.w, cross(self.w, self.cg))
+            + self.accel_bias
+        )
         ranges = self._ranges()
         inertia = np.array(craft.inertia)[:, None]
         measured_m = inertia * spin_up + cross(self.w, inertia * self.w)
@@ -319,7 +345,9 @@ class _PlanFollower:
         self.push = np.zeros((3, n))
         self.yaw, self.turn = np.zeros(n), np.zeros(n)
         self.ends = [np.cumsum([leg.duration_s for leg in job.plan]) for job in jobs]
-        self.legs = [np.array([(g.north, g.east, g.down, g.yaw, g.speed) for g in job.plan]) for job in jobs]
+        self.legs = [
+            np.array([(g.north, g.east, g.down, g.yaw, g.speed) for g in job.plan]) for job in jobs
+        ]
         self.now = np.stack([legs[0] for legs in self.legs], axis=-1)
         self.leg = [0] * n
         self.next = np.array([ends[0] for ends in self.ends])
@@ -333,7 +361,9 @@ class _PlanFollower:
         wish = 1.3 * (self.now[:3] - self.place)
         fast = np.sqrt((wish * wish).sum(axis=0)) + 1e-9
         wish *= np.minimum(1.0, self.now[4] / fast)
-        self.push = self.push + dt * 6.0 * (np.clip(3.0 * (wish - self.speed), -2.2, 2.2) - self.push)
+        self.push = self.push + dt * 6.0 * (
+            np.clip(3.0 * (wish - self.speed), -2.2, 2.2) - self.push
+        )
         self.speed = self.speed + dt * self.push
         self.place = self.place + dt * self.speed
         swing = np.clip(2.0 * (self.now[3] - self.yaw), -0.9, 0.9)
@@ -350,7 +380,9 @@ def rpm_of_output(craft: Craft, pwm: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """a x b of (3, n) arrays."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def _gather(craft: Craft, jobs: Sequence[Job]) -> list[Effect]:
@@ -360,5 +392,11 @@ def _gather(craft: Craft, jobs: Sequence[Job]) -> list[Effect]:
         index = np.array([k for k, job in enumerate(jobs) if name in job.effects], dtype=int)
         if index.size:
             keys = jobs[index[0]].effects[name]
-            out.append(kind(craft, index, {key: np.array([jobs[k].effects[name][key] for k in index]) for key in keys}))
+            out.append(
+                kind(
+                    craft,
+                    index,
+                    {key: np.array([jobs[k].effects[name][key] for k in index]) for key in keys},
+                )
+            )
     return out

@@ -168,15 +168,27 @@ def vehicle_toml(frame: Airframe, curve: ThrottleCurve, beams: tuple[Beam, ...])
         f"rotor_radius_m = {frame.radius_m:g}",
     ]  # fmt: skip
     for k, (arm, spin) in enumerate(zip(frame.arms, frame.spin, strict=True), 1):
-        lines += ["", "[[fan]]", f"position_m = {[round(c, 5) for c in arm]}", f"lip_radius_m = {frame.lip_m:g}"]
+        lines += [
+            "",
+            "[[fan]]",
+            f"position_m = {[round(c, 5) for c in arm]}",
+            f"lip_radius_m = {frame.lip_m:g}",
+        ]
         lines += [f"ct = {frame.ct:.6g}", f"cq = {frame.cq:.6g}"]
-        lines.append(f'rotors = [{{ {frame.declares} = {k}, spin = "{"cw" if spin > 0 else "ccw"}" }}]')
+        lines.append(
+            f'rotors = [{{ {frame.declares} = {k}, spin = "{"cw" if spin > 0 else "ccw"}" }}]'
+        )
     if frame.declares == "servo":
         lines += [
             "", "[throttle]", f"max_thrust_n = {curve.max_n:.5g}", f"expo = {curve.expo:.4g}", "pwm_min_us = 1000.0",
             "pwm_max_us = 2000.0", f"voltage_v = {frame.nominal_v:g}",
         ]  # fmt: skip
     for beam in beams:
-        lines += ["", "[[rangefinder]]", f"orientation = {beam.orientation}", f'target = "{beam.target}"']
+        lines += [
+            "",
+            "[[rangefinder]]",
+            f"orientation = {beam.orientation}",
+            f'target = "{beam.target}"',
+        ]
         lines.append(f"position_m = {list(beam.position_m)}")
     return "\n".join([*lines, ""])

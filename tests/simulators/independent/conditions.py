@@ -92,7 +92,12 @@ class Conditions:
 
 def stacked(several: Sequence[Conditions]) -> Conditions:
     """Flights side by side: every field an array (n,)."""
-    return Conditions(**{f.name: np.array([float(getattr(c, f.name)) for c in several]) for f in fields(Conditions)})
+    return Conditions(
+        **{
+            f.name: np.array([float(getattr(c, f.name)) for c in several])
+            for f in fields(Conditions)
+        }
+    )
 
 
 def healthy(rng: Rng, frame: Airframe) -> Conditions:
@@ -152,13 +157,19 @@ def _curve(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
 
 
 def _weak(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
-    return replace(c, weak_rotor=float(rng.integers(frame.count)), weak_share=-float(rng.uniform(0.06, 0.20)))
+    return replace(
+        c, weak_rotor=float(rng.integers(frame.count)), weak_share=-float(rng.uniform(0.06, 0.20))
+    )
 
 
 def _cg(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
     # A moment of 2 to 6 % of the weight times the arm on one axis, less on the other.
     long, short = signed(rng, 0.02, 0.06) * frame.arm_m, signed(rng, 0.005, 0.02) * frame.arm_m
-    return replace(c, cg_x=long, cg_y=short) if rng.random() < 0.5 else replace(c, cg_x=short, cg_y=long)
+    return (
+        replace(c, cg_x=long, cg_y=short)
+        if rng.random() < 0.5
+        else replace(c, cg_x=short, cg_y=long)
+    )
 
 
 def _bias(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
@@ -168,7 +179,11 @@ def _bias(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
 
 
 def _slung(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
-    return replace(c, slung_kg=frame.mass_kg * float(rng.uniform(0.03, 0.09)), rope_m=float(rng.uniform(0.3, 0.9)))
+    return replace(
+        c,
+        slung_kg=frame.mass_kg * float(rng.uniform(0.03, 0.09)),
+        rope_m=float(rng.uniform(0.3, 0.9)),
+    )
 
 
 def _contact(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
@@ -190,15 +205,21 @@ DRAWS: dict[str, Draw] = {
     "thermal_derating": lambda r, f, c: replace(
         c, heating=float(r.uniform(45.0, 85.0)), heating_s=float(r.uniform(25.0, 50.0))
     ),
-    "battery_sag": lambda r, f, c: replace(c, minutes=float(r.uniform(4.0, 6.0)), charge=float(r.uniform(0.75, 1.0))),
+    "battery_sag": lambda r, f, c: replace(
+        c, minutes=float(r.uniform(4.0, 6.0)), charge=float(r.uniform(0.75, 1.0))
+    ),
     "motor_lag": lambda r, f, c: replace(c, slow=float(r.uniform(1.6, 2.4))),
     "ground_effect": lambda r, f, c: replace(
         c, ground_gain=float(r.uniform(1.5, 2.0) if f.table else r.uniform(0.8, 1.3))
     ),
     "wall_effect": lambda r, f, c: replace(c, wall_gain=float(r.uniform(2.0, 3.5))),
-    "ceiling": lambda r, f, c: replace(c, ceiling_gain=float(r.uniform(0.8, 1.4)), ceiling_m=f.home_m + 0.9),
+    "ceiling": lambda r, f, c: replace(
+        c, ceiling_gain=float(r.uniform(0.8, 1.4)), ceiling_m=f.home_m + 0.9
+    ),
     "second_wall": lambda r, f, c: replace(c, wall_gain=float(r.uniform(2.0, 3.0)), wall_east=2.0),
-    "partial_ground": lambda r, f, c: replace(c, edge_north=0.0, table_m=float(r.uniform(0.5, 0.7))),
+    "partial_ground": lambda r, f, c: replace(
+        c, edge_north=0.0, table_m=float(r.uniform(0.5, 0.7))
+    ),
     "range_offset": lambda r, f, c: replace(c, range_bias=signed(r, 0.04, 0.09)),
     "contact": _contact,
     "slung_load": _slung,
@@ -206,10 +227,14 @@ DRAWS: dict[str, Draw] = {
         c, grate_n=f.mass_kg * G * float(r.uniform(0.03, 0.07)), grate_m=float(r.uniform(0.7, 1.4))
     ),
     "x_downwash": lambda r, f, c: replace(
-        c, downwash_n=f.mass_kg * G * float(r.uniform(0.05, 0.12)), downwash_s=float(r.uniform(13.0, 22.0))
+        c,
+        downwash_n=f.mass_kg * G * float(r.uniform(0.05, 0.12)),
+        downwash_s=float(r.uniform(13.0, 22.0)),
     ),
     "x_rock": lambda r, f, c: replace(
-        c, rock_nm=f.mass_kg * G * f.arm_m * float(r.uniform(0.025, 0.06)), rock_hz=float(r.uniform(0.15, 0.6))
+        c,
+        rock_nm=f.mass_kg * G * f.arm_m * float(r.uniform(0.025, 0.06)),
+        rock_hz=float(r.uniform(0.15, 0.6)),
     ),
 }
 

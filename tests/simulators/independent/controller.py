@@ -13,7 +13,11 @@ MAX_TILT = np.tan(np.radians(28.0))
 def motor_tau(frame: Airframe, slow: Array) -> Array:
     """Time constant of the rotors' speed about hover [s] (n,)."""
     k = motor_constant(frame)
-    return frame.rotor_inertia * slow / (k * k / frame.motor_ohm + 2.0 * frame.hover_torque / frame.hover_speed)
+    return (
+        frame.rotor_inertia
+        * slow
+        / (k * k / frame.motor_ohm + 2.0 * frame.hover_torque / frame.hover_speed)
+    )
 
 
 class Autopilot:
@@ -39,7 +43,14 @@ class Autopilot:
         self.inertia = np.array(frame.inertia)[:, None]
 
     def step(
-        self, R: Array, position: Array, velocity: Array, rates: Array, to: Array, to_velocity: Array, yaw: Array
+        self,
+        R: Array,
+        position: Array,
+        velocity: Array,
+        rates: Array,
+        to: Array,
+        to_velocity: Array,
+        yaw: Array,
     ) -> Array:
         """One control cycle: ``R`` (3, 3, n) body to NED, the rest (3, n); ``yaw`` (n,)."""
         frame, dt = self.frame, self.dt
@@ -53,7 +64,9 @@ class Autopilot:
         force = np.stack([force[0] * keep, force[1] * keep, -upward])
         wanted = self._attitude(force, yaw)
         turn = np.einsum("jkn,jln->kln", wanted, R)
-        error = 0.5 * np.stack([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        error = 0.5 * np.stack(
+            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        )
         scale = np.array([1.0, 1.0, 0.5])[:, None]
         miss = -self.tilt_gain * scale * error - rates
         self.twist = np.clip(self.twist + dt * 0.25 * self.rate_gain**2 * scale * miss, -60.0, 60.0)
@@ -70,5 +83,7 @@ class Autopilot:
         c, s = np.cos(yaw), np.sin(yaw)
         y = np.stack([-s * z[2], c * z[2], s * z[0] - c * z[1]])
         y = y / np.sqrt((y**2).sum(axis=0))
-        x = np.stack([y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]])
+        x = np.stack(
+            [y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]]
+        )
         return np.stack([x, y, z], axis=1)

@@ -35,7 +35,9 @@ class Explained:
 
 def thinned(track: Track) -> Track:
     """Every fifth sample."""
-    return replace(track, **{name: getattr(track, name)[..., ::EVERY] for name in track.__dataclass_fields__})
+    return replace(
+        track, **{name: getattr(track, name)[..., ::EVERY] for name in track.__dataclass_fields__}
+    )
 
 
 class _Parts:
@@ -54,7 +56,11 @@ class _Parts:
         """More thrust of each rotor (rotors, t); with the shaft torque that belongs to it where ``torque``."""
         force, moment = loads.from_rotors(self.frame, more, np.zeros((2, *more.shape)))
         if torque:
-            moment[2] -= (_spin(self.frame) * more).sum(axis=0) * self.frame.hover_torque / self.frame.hover_thrust
+            moment[2] -= (
+                (_spin(self.frame) * more).sum(axis=0)
+                * self.frame.hover_torque
+                / self.frame.hover_thrust
+            )
         self.add(name, force, moment)
 
 
@@ -107,7 +113,9 @@ def _by_motor(scene: _Scene, parts: _Parts) -> tuple[Array, Array]:
     sagged = power.steady_thrust(frame, s.output, s.volts)
     hot = power.steady_thrust(frame, s.output, s.volts, s.warm)
     volts = s.output * s.volts
-    faster = power.steady_speed(frame, volts, s.warm, c.rho / RHO0) / power.steady_speed(frame, volts, s.warm)
+    faster = power.steady_speed(frame, volts, s.warm, c.rho / RHO0) / power.steady_speed(
+        frame, volts, s.warm
+    )
     thin = hot * faster**2
     keep = float(np.exp(-STEP_S / motor_tau(frame, np.array(c.slow))))
     late = lfilter([1.0 - keep], [1.0, -keep], thin, axis=-1, zi=thin[:, :1] * keep)[0]
@@ -144,7 +152,9 @@ def _by_surfaces(scene: _Scene, parts: _Parts, lift: Array) -> Array:
         true = near.ground / c.ground_gain
         unbiased = replace(c, range_bias=0.0)
         seen = surfaces.ground_gain(frame, seen_height(frame, c, scene.R, scene.origin, places))
-        level = surfaces.ground_gain(frame, seen_height(frame, unbiased, scene.R, scene.origin, places))
+        level = surfaces.ground_gain(
+            frame, seen_height(frame, unbiased, scene.R, scene.origin, places)
+        )
         parts.lift("ground_effect", lift * (near.ground - true))
         parts.lift("partial_ground", lift * (true - level))
         parts.lift("range_offset", lift * (level - seen))
@@ -157,7 +167,9 @@ def _by_surfaces(scene: _Scene, parts: _Parts, lift: Array) -> Array:
     # A declared wall acts in its own size; what is beyond it is the effect.
     share = (c.wall_gain - 1.0) / c.wall_gain if frame.table else 1.0
     first = loads.near_surfaces(frame, replace(c, wall_east=np.inf), places)
-    parts.add("wall_effect", *(share * part for part in loads.wall_wrench(frame, first, lift, scene.R, 0)))
+    parts.add(
+        "wall_effect", *(share * part for part in loads.wall_wrench(frame, first, lift, scene.R, 0))
+    )
     parts.lift("wall_effect", -share * lift * first.loss)
     parts.add("second_wall", *loads.wall_wrench(frame, near, lift, scene.R, 1))
     parts.lift("second_wall", -lift * (near.loss - first.loss))
@@ -202,7 +214,11 @@ def _by_body(scene: _Scene, parts: _Parts) -> None:
     total = (frame.mass_kg + kg) * s.felt
     parts.add("payload", -kg * s.felt, -loads.cross(s.cg - own, total))
     parts.add("cg_offset", zero, -loads.cross(own, total))
-    parts.add("imu_bias", frame.mass_kg * np.array([c.bias_x, c.bias_y, c.bias_z])[:, None] * np.ones_like(w), zero)
+    parts.add(
+        "imu_bias",
+        frame.mass_kg * np.array([c.bias_x, c.bias_y, c.bias_z])[:, None] * np.ones_like(w),
+        zero,
+    )
     if c.slung_kg > 0.0:
         parts.add("slung_load", loads.into_body(scene.R, s.rope), zero)
     if c.bumper_n_m > 0.0:
@@ -215,7 +231,9 @@ def _measured(frame: Airframe, c: Conditions, s: Track) -> Array:
     """What ideal sensors at the declared CG make of the flight with declared mass and inertia (6, t)."""
     felt = at_declared_cg(s) + np.array([c.bias_x, c.bias_y, c.bias_z])[:, None]
     inertia = np.array(frame.inertia)[:, None]
-    return np.concatenate([frame.mass_kg * felt, inertia * s.turning + loads.cross(s.rates, inertia * s.rates)])
+    return np.concatenate(
+        [frame.mass_kg * felt, inertia * s.turning + loads.cross(s.rates, inertia * s.rates)]
+    )
 
 
 def at_declared_cg(s: Track) -> Array:
@@ -231,7 +249,10 @@ def _declared(scene: _Scene, thrust: Array) -> Array:
         force, moment = loads.from_rotors(frame, thrust, np.zeros((2, *thrust.shape)))
         moment[2] -= torque
         return np.concatenate([force, moment])
-    lift = thrust * (1.0 + surfaces.ground_gain(frame, seen_height(frame, c, scene.R, scene.origin, scene.places)))
+    lift = thrust * (
+        1.0
+        + surfaces.ground_gain(frame, seen_height(frame, c, scene.R, scene.origin, scene.places))
+    )
     plain = loads.near_surfaces(frame, replace(c, wall_gain=1.0, wall_east=np.inf), scene.places)
     force, moment = loads.from_rotors(frame, lift * (1.0 - plain.loss), np.zeros((2, *lift.shape)))
     moment[2] -= torque
@@ -263,4 +284,6 @@ def lag_beyond_delay(frame: Airframe, explained: Explained) -> float:
     if "motor_lag" not in explained.parts:
         return 0.0
     late = explained.modelled + explained.parts["motor_lag"]
-    return min(size(frame, (late - np.roll(explained.modelled, k, axis=-1))[:, 20:]) for k in range(11))
+    return min(
+        size(frame, (late - np.roll(explained.modelled, k, axis=-1))[:, 20:]) for k in range(11)
+    )

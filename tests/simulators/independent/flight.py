@@ -82,7 +82,9 @@ class _Outer:
 class Flight:
     """Flights of one vehicle side by side."""
 
-    def __init__(self, frame: Airframe, sorties: list[Sortie], seconds: float, warm_up_s: float = WARM_UP_S) -> None:
+    def __init__(
+        self, frame: Airframe, sorties: list[Sortie], seconds: float, warm_up_s: float = WARM_UP_S
+    ) -> None:
         self.frame, self.n = frame, len(sorties)
         self.steps, self.before = round(seconds / DT), round(warm_up_s / DT)
         total = self.steps + self.before
@@ -90,13 +92,21 @@ class Flight:
         rngs = [np.random.default_rng([s.seed, 1]) for s in sorties]
         self.wind = np.stack(
             [
-                wind(r, total, (s.conditions.wind_north, s.conditions.wind_east), s.conditions.gusts, DT)
+                wind(
+                    r,
+                    total,
+                    (s.conditions.wind_north, s.conditions.wind_east),
+                    s.conditions.gusts,
+                    DT,
+                )
                 for r, s in zip(rngs, sorties, strict=True)
             ],
             axis=-1,
         )
         shape = (total, frame.count)
-        noise = [0.8 * coloured(r, shape, 0.12, DT) + 0.6 * coloured(r, shape, 1.0, DT) for r in rngs]
+        noise = [
+            0.8 * coloured(r, shape, 0.12, DT) + 0.6 * coloured(r, shape, 1.0, DT) for r in rngs
+        ]
         self.unsteady = np.stack(noise, axis=-1) * self.c.unsteady
         self.place = np.stack([s.reference.position for s in sorties], axis=-1)
         self.speed = np.stack([s.reference.velocity for s in sorties], axis=-1)
@@ -130,7 +140,9 @@ class Flight:
             k = max(i - self.before, 0)
             R = loads.rotation(x[6:10])
             outer = self._outer(i, k, x, R, acceleration)
-            u = self.pilot.step(R, x[:3], x[3:6], x[10:13], self.place[k], self.speed[k], self.yaw[k])
+            u = self.pilot.step(
+                R, x[:3], x[3:6], x[10:13], self.place[k], self.speed[k], self.yaw[k]
+            )
             u = np.rint(u * 1000.0) / 1000.0
             current = power.motor_current(frame, u * outer.volts, x[13:], outer.warm)
             d1, felt, turning = self._derivative(x, u, outer)
@@ -139,7 +151,18 @@ class Flight:
             if i >= self.before:
                 for name, value in zip(
                     _RECORDED,
-                    (x, self.induced, felt, turning, u, outer.volts, amperes, outer.warm, self.rope, outer.cg),
+                    (
+                        x,
+                        self.induced,
+                        felt,
+                        turning,
+                        u,
+                        outer.volts,
+                        amperes,
+                        outer.warm,
+                        self.rope,
+                        outer.cg,
+                    ),
                     strict=True,
                 ):
                     rows[name].append(value)
@@ -160,7 +183,9 @@ class Flight:
         """The induced velocities at the end of a step that begins at ``x``."""
         ux, uy, climb = loads.at_rotors(self.frame, loads.into_body(R, x[3:6] - air), x[10:13])
         omega = np.maximum(x[13:], 5.0)
-        self.induced = rotor.next_inflow(self.frame, omega, self.induced, climb, ux * ux + uy * uy, self.c.rho, DT)
+        self.induced = rotor.next_inflow(
+            self.frame, omega, self.induced, climb, ux * ux + uy * uy, self.c.rho, DT
+        )
 
     def _outer(self, i: int, k: int, x: Array, R: Array, acceleration: Array) -> _Outer:
         frame, c = self.frame, self.c
@@ -266,7 +291,18 @@ class Flight:
         return out
 
 
-_RECORDED = ("state", "induced", "felt", "turning", "output", "volts", "amperes", "warm", "rope", "cg")
+_RECORDED = (
+    "state",
+    "induced",
+    "felt",
+    "turning",
+    "output",
+    "volts",
+    "amperes",
+    "warm",
+    "rope",
+    "cg",
+)
 
 
 def blade_gain(frame: Airframe, c: Conditions, omega: Array) -> Array:

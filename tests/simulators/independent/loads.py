@@ -19,7 +19,17 @@ from .conditions import Conditions
 def rotation(q: Array) -> Array:
     """Body to NED (3, 3, n) from unit quaternions (4, n)."""
     w, x, y, z = q
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = (
+        x * x,
+        y * y,
+        z * z,
+        x * y,
+        x * z,
+        y * z,
+        w * x,
+        w * y,
+        w * z,
+    )
     R = np.empty((3, 3, *q.shape[1:]))
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
@@ -40,7 +50,11 @@ def into_world(R: Array, v: Array) -> Array:
 def cross(a: Array, b: Array) -> Array:
     """a x b along axis 0."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    out[0], out[1], out[2] = (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
     return out
 
 
@@ -71,12 +85,18 @@ def at_rotors(frame: Airframe, air: Array, rates: Array) -> tuple[Array, Array, 
     """Velocity relative to the air at each rotor: forward, right, and up through the disc [m/s], (rotors, n)."""
     a = arms(frame)
     p, q, r = rates
-    return air[0] + q * a[2] - r * a[1], air[1] + r * a[0] - p * a[2], -(air[2] + p * a[1] - q * a[0])
+    return (
+        air[0] + q * a[2] - r * a[1],
+        air[1] + r * a[0] - p * a[2],
+        -(air[2] + p * a[1] - q * a[0]),
+    )
 
 
 def rotor_places(frame: Airframe, R: Array, position: Array) -> Array:
     """NED (3, rotors, n)."""
-    return position[:, None] + np.einsum("jkn,krn->jrn", R, np.broadcast_to(arms(frame), (3, frame.count, R.shape[-1])))
+    return position[:, None] + np.einsum(
+        "jkn,krn->jrn", R, np.broadcast_to(arms(frame), (3, frame.count, R.shape[-1]))
+    )
 
 
 def covered(frame: Airframe, north: Array, edge_north: Array) -> Array:
@@ -98,7 +118,9 @@ def near_surfaces(frame: Airframe, c: Conditions, places: Array) -> Near:
     nothing = np.zeros_like(height)
     ceiling = nothing
     if np.isfinite(c.ceiling_m).any():
-        ceiling = c.ceiling_gain * surfaces.ceiling_gain(frame, np.maximum(c.ceiling_m - height, 0.0))
+        ceiling = c.ceiling_gain * surfaces.ceiling_gain(
+            frame, np.maximum(c.ceiling_m - height, 0.0)
+        )
     north = east = (nothing, nothing, nothing)
     if np.isfinite(c.wall_north).any():
         north = surfaces.wall_terms(frame, c.wall_north - places[0] - frame.lip_m, height)
@@ -110,7 +132,9 @@ def near_surfaces(frame: Airframe, c: Conditions, places: Array) -> Near:
     return Near(ground, ceiling, (g * north[0], g * east[0]), (g * north[1], g * east[1]), loss)
 
 
-def wall_wrench(frame: Airframe, near: Near, lift: Array, R: Array, which: int) -> tuple[Array, Array]:
+def wall_wrench(
+    frame: Airframe, near: Near, lift: Array, R: Array, which: int
+) -> tuple[Array, Array]:
     """Pull and tilt of one wall: force and moment, body (3, n)."""
     force = near.pull[which] * lift
     tilt = (near.tilt[which] * lift * frame.radius_m).sum(axis=0)
@@ -148,7 +172,9 @@ def body_drag(c: Conditions, air: Array) -> Array:
     return -0.5 * c.rho * c.body_cda * speed * air * np.array([1.0, 1.0, 2.0])[:, None]
 
 
-def contact(frame: Airframe, c: Conditions, R: Array, places: Array, velocity: Array) -> tuple[Array, Array]:
+def contact(
+    frame: Airframe, c: Conditions, R: Array, places: Array, velocity: Array
+) -> tuple[Array, Array]:
     """A soft bumper at the two or three foremost lips against the wall in the north: spring and damper, body (3, n)."""
     depth = np.maximum(frame.lip_m + c.bumper_m - (c.wall_north - places[0]), 0.0)
     depth = np.where(np.isfinite(depth), depth, 0.0)
@@ -159,7 +185,9 @@ def contact(frame: Airframe, c: Conditions, R: Array, places: Array, velocity: A
     return -press.sum(axis=0) * normal, cross(at, -press[None] * normal[:, None]).sum(axis=1)
 
 
-def no_catalogue(c: Conditions, t: Array | float, R: Array, position: Array) -> dict[str, tuple[Array, Array]]:
+def no_catalogue(
+    c: Conditions, t: Array | float, R: Array, position: Array
+) -> dict[str, tuple[Array, Array]]:
     """Forces (body, (3, n)) and moments that no effect of the contract stands for, by name."""
     zero = np.zeros_like(position)
     wave = c.grate_n * np.sin(2.0 * np.pi * position[0] / c.grate_m)

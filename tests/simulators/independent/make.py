@@ -28,7 +28,9 @@ def make(
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "guarded.csv").exists():
         surfaces.write_table(GUARDED, folder / "guarded.csv")
-    wanted = [c for seed in seeds for c in cases(seed) if not only or any(part in c.name for part in only)]
+    wanted = [
+        c for seed in seeds for c in cases(seed) if not only or any(part in c.name for part in only)
+    ]
     missing = [c for c in wanted if not truth_file(folder, c).exists()]
     for batch in _alike(missing):
         say(f"flying {len(batch)} x {batch[0].frame.name}")

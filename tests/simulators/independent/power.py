@@ -34,7 +34,9 @@ def motor_constant(frame: Airframe) -> float:
 def motor_current(frame: Airframe, volts: Array, omega: Array, warm_k: Array | float) -> Array:
     """[A] through the winding; ESCs let no current flow back (no active braking)."""
     k = motor_constant(frame) * (1.0 + MAGNET * np.asarray(warm_k))
-    return np.maximum((volts - k * omega) / (frame.motor_ohm * (1.0 + COPPER * np.asarray(warm_k))), 0.0)
+    return np.maximum(
+        (volts - k * omega) / (frame.motor_ohm * (1.0 + COPPER * np.asarray(warm_k))), 0.0
+    )
 
 
 def motor_torque(frame: Airframe, current: Array, warm_k: Array | float) -> Array:
@@ -42,7 +44,9 @@ def motor_torque(frame: Airframe, current: Array, warm_k: Array | float) -> Arra
     return motor_constant(frame) * (1.0 + MAGNET * np.asarray(warm_k)) * current
 
 
-def steady_speed(frame: Airframe, volts: Array, warm_k: Array | float = 0.0, drag: Array | float = 1.0) -> Array:
+def steady_speed(
+    frame: Airframe, volts: Array, warm_k: Array | float = 0.0, drag: Array | float = 1.0
+) -> Array:
     """Rotor speed [rad/s] at which motor and air (hover inflow, torque ~ Omega^2) agree."""
     k = motor_constant(frame) * (1.0 + MAGNET * np.asarray(warm_k))
     ohm = frame.motor_ohm * (1.0 + COPPER * np.asarray(warm_k))
@@ -50,9 +54,13 @@ def steady_speed(frame: Airframe, volts: Array, warm_k: Array | float = 0.0, dra
     return (-k + np.sqrt(k * k + 4.0 * c * np.maximum(volts, 0.0))) / (2.0 * c)
 
 
-def steady_thrust(frame: Airframe, duty: Array, pack_v: Array, warm_k: Array | float = 0.0) -> Array:
+def steady_thrust(
+    frame: Airframe, duty: Array, pack_v: Array, warm_k: Array | float = 0.0
+) -> Array:
     """Free-air hover thrust [N] that an output ends in."""
-    return frame.hover_thrust * (steady_speed(frame, duty * pack_v, warm_k) / frame.hover_speed) ** 2
+    return (
+        frame.hover_thrust * (steady_speed(frame, duty * pack_v, warm_k) / frame.hover_speed) ** 2
+    )
 
 
 @lru_cache
@@ -60,7 +68,9 @@ def calibrated(frame: Airframe) -> ThrottleCurve:
     """The curve that a thrust stand at the nominal voltage would give: least squares over 25...80 % output."""
     u = np.linspace(0.25, 0.80, 40)
     basis = np.stack([u, u * u], axis=1)
-    a, b = np.linalg.lstsq(basis, steady_thrust(frame, u, np.full(40, frame.nominal_v)), rcond=None)[0]
+    a, b = np.linalg.lstsq(
+        basis, steady_thrust(frame, u, np.full(40, frame.nominal_v)), rcond=None
+    )[0]
     return ThrottleCurve(float(a + b), float(b / (a + b)))
 
 
@@ -85,18 +95,22 @@ class Pack:
 
     def volts(self, current: Array) -> Array:
         """Terminal voltage [V]."""
-        return self.cells * np.interp(self.charge, CHARGE, CELL_V) - self.ohm * current - self.branch_v
+        return (
+            self.cells * np.interp(self.charge, CHARGE, CELL_V) - self.ohm * current - self.branch_v
+        )
 
     def draw(self, current: Array, dt: float) -> None:
         """Take ``current`` [A] for ``dt`` [s]."""
         one_hour = self.capacity_as / 3600.0
-        self.charge = self.charge - dt * current / self.capacity_as * np.maximum(current / one_hour, 0.05) ** (
-            PEUKERT - 1
-        )
+        self.charge = self.charge - dt * current / self.capacity_as * np.maximum(
+            current / one_hour, 0.05
+        ) ** (PEUKERT - 1)
         self.branch_v = self.branch_v + dt / 12.0 * (0.6 * self.ohm * current - self.branch_v)
 
 
 def hover_current(frame: Airframe) -> float:
     """Battery current in hover [A]."""
-    one = motor_current(frame, np.array(frame.hover_duty * frame.nominal_v), np.array(frame.hover_speed), 0.0)
+    one = motor_current(
+        frame, np.array(frame.hover_duty * frame.nominal_v), np.array(frame.hover_speed), 0.0
+    )
     return float(frame.count * one * frame.hover_duty)

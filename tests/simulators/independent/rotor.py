@@ -19,16 +19,29 @@ def pitch(frame: Airframe) -> float:
     return 3.0 * (2.0 * frame.ct / frame.solidity_slope + inflow / 2.0)
 
 
-def thrust(frame: Airframe, omega: Array, through: Array, across2: Array, rho: Array | float) -> Array:
+def thrust(
+    frame: Airframe, omega: Array, through: Array, across2: Array, rho: Array | float
+) -> Array:
     """[N] at rotor speed ``omega`` [rad/s]; ``through`` = induced + climb [m/s]; ``across2``: in-plane speed^2."""
     tip = omega * frame.radius_m
     advance2 = across2 / np.maximum(tip * tip, 1.0)
     half = 0.5 * frame.solidity_slope
-    return rho * frame.area * half * (pitch(frame) * tip * tip * (1.0 / 3.0 + 0.5 * advance2) - 0.5 * through * tip)
+    return (
+        rho
+        * frame.area
+        * half
+        * (pitch(frame) * tip * tip * (1.0 / 3.0 + 0.5 * advance2) - 0.5 * through * tip)
+    )
 
 
 def next_inflow(
-    frame: Airframe, omega: Array, induced: Array, climb: Array, across2: Array, rho: Array, dt: float
+    frame: Airframe,
+    omega: Array,
+    induced: Array,
+    climb: Array,
+    across2: Array,
+    rho: Array,
+    dt: float,
 ) -> Array:
     """Induced velocity [m/s] after ``dt`` [s]: one step of the exponential Euler method.
 
@@ -38,11 +51,17 @@ def next_inflow(
     speed = np.sqrt(across2 + through * through) + 1e-6
     tip = omega * frame.radius_m
     gap = thrust(frame, omega, through, across2, rho) - 2.0 * rho * frame.area * induced * speed
-    stiff = rho * frame.area * (0.25 * frame.solidity_slope * tip + 2.0 * (speed + induced * through / speed))
+    stiff = (
+        rho
+        * frame.area
+        * (0.25 * frame.solidity_slope * tip + 2.0 * (speed + induced * through / speed))
+    )
     return induced + gap / stiff * -np.expm1(-dt * stiff / (8.0 / 3.0 * rho * frame.radius_m**3))
 
 
-def settled_inflow(frame: Airframe, omega: Array, climb: Array, across2: Array, rho: Array | float) -> Array:
+def settled_inflow(
+    frame: Airframe, omega: Array, climb: Array, across2: Array, rho: Array | float
+) -> Array:
     """Induced velocity [m/s] at which blades and momentum agree (bisection; lift falls and momentum grows with it)."""
     low = np.zeros(np.broadcast_shapes(np.shape(omega), np.shape(climb)))
     high = np.full_like(low, 60.0)
@@ -55,9 +74,13 @@ def settled_inflow(frame: Airframe, omega: Array, climb: Array, across2: Array, 
     return 0.5 * (low + high)
 
 
-def settled_thrust(frame: Airframe, omega: Array, climb: Array, across2: Array, rho: Array | float) -> Array:
+def settled_thrust(
+    frame: Airframe, omega: Array, climb: Array, across2: Array, rho: Array | float
+) -> Array:
     """[N] in settled inflow."""
-    return thrust(frame, omega, settled_inflow(frame, omega, climb, across2, rho) + climb, across2, rho)
+    return thrust(
+        frame, omega, settled_inflow(frame, omega, climb, across2, rho) + climb, across2, rho
+    )
 
 
 def profile_torque(frame: Airframe) -> float:
@@ -66,6 +89,8 @@ def profile_torque(frame: Airframe) -> float:
     return (frame.hover_torque - induced) / frame.hover_speed**2
 
 
-def torque(frame: Airframe, omega: Array, force: Array, through: Array, rho: Array | float) -> Array:
+def torque(
+    frame: Airframe, omega: Array, force: Array, through: Array, rho: Array | float
+) -> Array:
     """Shaft torque of the air [N m]."""
     return rho / RHO0 * profile_torque(frame) * omega**2 + force * through / np.maximum(omega, 1.0)

@@ -37,7 +37,10 @@ def hover(rng: Rng, f: Airframe) -> list[Target]:
 def square(rng: Rng, f: Airframe) -> list[Target]:
     """Sideways steps, slow."""
     a = _u(rng, 0.5, 0.9)
-    return [Target(_u(rng, 3.0, 4.0), n * a, e * a, f.home_m) for n, e in ((1, 0), (1, 1), (-1, 1), (-1, -1), (0, 0))]
+    return [
+        Target(_u(rng, 3.0, 4.0), n * a, e * a, f.home_m)
+        for n, e in ((1, 0), (1, 1), (-1, 1), (-1, -1), (0, 0))
+    ]
 
 
 def brisk(rng: Rng, f: Airframe) -> list[Target]:
@@ -58,31 +61,44 @@ def circle(rng: Rng, f: Airframe) -> list[Target]:
     """A slow circle in chords, nose along it."""
     radius, turn = _u(rng, 0.6, 1.0), float(rng.choice([-1.0, 1.0]))
     angles = turn * np.arange(1, 13) * np.pi / 6.0
-    out = [Target(1.3, radius * (np.cos(b) - 1.0), radius * np.sin(b), f.home_m, float(b)) for b in angles]
+    out = [
+        Target(1.3, radius * (np.cos(b) - 1.0), radius * np.sin(b), f.home_m, float(b))
+        for b in angles
+    ]
     return [*out, Target(3.0, 0.0, 0.0, f.home_m, float(angles[-1]))]
 
 
 def turn(rng: Rng, f: Airframe) -> list[Target]:
     """Yaw through a full circle and back to zero."""
     sense = float(rng.choice([-1.0, 1.0]))
-    return [Target(_u(rng, 2.5, 3.5), 0.0, 0.0, f.home_m, sense * k * np.pi / 2.0) for k in (1, 2, 3, 4, 2, 0)]
+    return [
+        Target(_u(rng, 2.5, 3.5), 0.0, 0.0, f.home_m, sense * k * np.pi / 2.0)
+        for k in (1, 2, 3, 4, 2, 0)
+    ]
 
 
 def heave(rng: Rng, f: Airframe) -> list[Target]:
     """Slow steps up and down, above the ground's reach."""
-    return [Target(_u(rng, 2.5, 4.0), 0.0, 0.0, f.home_m + s, speed=0.25) for s in (0.4, 0.0, 0.3, -0.1, 0.0)]
+    return [
+        Target(_u(rng, 2.5, 4.0), 0.0, 0.0, f.home_m + s, speed=0.25)
+        for s in (0.4, 0.0, 0.3, -0.1, 0.0)
+    ]
 
 
 def pump(rng: Rng, f: Airframe) -> list[Target]:
     """Quick steps up and down."""
     v = _u(rng, 1.0, 1.6)
     steps = rng.permutation([0.9, 0.1, 1.3, 0.5, 0.0, 1.0])
-    return [Target(_u(rng, 2.0, 3.0), 0.0, 0.0, f.home_m + float(s), speed=v) for s in [*steps, 0.0]]
+    return [
+        Target(_u(rng, 2.0, 3.0), 0.0, 0.0, f.home_m + float(s), speed=v) for s in [*steps, 0.0]
+    ]
 
 
 def low(rng: Rng, f: Airframe) -> list[Target]:
     """Heights between 0.8 and 4 radii under the rotors."""
-    heights = f.radius_m * rng.permutation([0.9, 1.2, 1.6, 2.2, 3.2]) * _u(rng, 0.95, 1.1) + f.arms[0][2]
+    heights = (
+        f.radius_m * rng.permutation([0.9, 1.2, 1.6, 2.2, 3.2]) * _u(rng, 0.95, 1.1) + f.arms[0][2]
+    )
     legs = [Target(_u(rng, 4.0, 5.0), 0.0, 0.0, max(float(h), 0.09), speed=0.3) for h in heights]
     middle = Target(4.5, 0.0, 0.0, f.home_m * 0.6, speed=0.5)
     return [
@@ -103,7 +119,10 @@ def wall(rng: Rng, f: Airframe) -> list[Target]:
     out = [Target(5.0, WALL_M - _reach(f) - 4.0 * f.radius_m, 0.0, f.home_m)]
     for up in (f.home_m, f.home_m * 0.6):
         gaps = f.radius_m * rng.permutation([0.6, 0.9, 1.4, 2.4]) * _u(rng, 0.9, 1.15)
-        out += [Target(_u(rng, 3.0, 4.0), WALL_M - _reach(f) - float(g), 0.0, up, speed=0.3) for g in gaps]
+        out += [
+            Target(_u(rng, 3.0, 4.0), WALL_M - _reach(f) - float(g), 0.0, up, speed=0.3)
+            for g in gaps
+        ]
     return [*out, Target(5.0, 0.0, 0.0, f.home_m)]
 
 
@@ -111,7 +130,9 @@ def corner(rng: Rng, f: Airframe) -> list[Target]:
     """The wall in the north and the one in the east, alone and together."""
     n0, e0, r = WALL_M - _reach(f), 2.0 - _reach(f), f.radius_m
     places = [(3.5, 0.7), (0.8, 0.8), (0.8, 3.5), (3.0, 0.6), (0.7, 1.5), (1.5, 0.7), (3.5, 3.5)]
-    legs = [Target(_u(rng, 4.0, 5.0), n0 - a * r, e0 - b * r, f.home_m, speed=0.4) for a, b in places]
+    legs = [
+        Target(_u(rng, 4.0, 5.0), n0 - a * r, e0 - b * r, f.home_m, speed=0.4) for a, b in places
+    ]
     return [
         Target(5.0, n0 - 4.0 * r, e0 - 4.0 * r, f.home_m, speed=0.6),
         *legs,
@@ -124,7 +145,9 @@ def push(rng: Rng, f: Airframe) -> list[Target]:
     out = [Target(5.0, WALL_M - _reach(f) - 0.4, 0.0, f.home_m)]
     for _ in range(5):
         into = _u(rng, 0.04, 0.18)
-        out.append(Target(_u(rng, 3.0, 4.0), WALL_M - _reach(f) - 0.05 + into, 0.0, f.home_m, speed=0.25))
+        out.append(
+            Target(_u(rng, 3.0, 4.0), WALL_M - _reach(f) - 0.05 + into, 0.0, f.home_m, speed=0.25)
+        )
         out.append(Target(_u(rng, 2.0, 3.0), WALL_M - _reach(f) - 0.3, 0.0, f.home_m, speed=0.25))
     return [*out, Target(5.0, 0.0, 0.0, f.home_m)]
 
@@ -134,7 +157,12 @@ def under(rng: Rng, f: Airframe) -> list[Target]:
     gaps = f.radius_m * rng.permutation([0.9, 1.2, 1.6, 2.4]) * _u(rng, 0.9, 1.1)
     top = f.home_m + 0.9 + f.arms[0][2]
     legs = [Target(_u(rng, 3.5, 4.5), 0.0, 0.0, top - float(g), speed=0.25) for g in gaps]
-    return [*legs, Target(4.0, 0.0, 0.0, f.home_m), *reversed(legs), Target(4.5, 0.0, 0.0, f.home_m)]
+    return [
+        *legs,
+        Target(4.0, 0.0, 0.0, f.home_m),
+        *reversed(legs),
+        Target(4.5, 0.0, 0.0, f.home_m),
+    ]
 
 
 def edge(rng: Rng, f: Airframe) -> list[Target]:
@@ -148,7 +176,23 @@ def edge(rng: Rng, f: Airframe) -> list[Target]:
 
 
 BLOCKS = {
-    b.__name__: b for b in (hover, square, brisk, dash, circle, turn, heave, pump, low, wall, corner, push, under, edge)
+    b.__name__: b
+    for b in (
+        hover,
+        square,
+        brisk,
+        dash,
+        circle,
+        turn,
+        heave,
+        pump,
+        low,
+        wall,
+        corner,
+        push,
+        under,
+        edge,
+    )
 }
 
 

@@ -56,7 +56,9 @@ def sense(frame: Airframe, c: Conditions, s: Track, beams: tuple[Beam, ...], see
     bias = np.array([c.bias_x, c.bias_y, c.bias_z])[:, None]
     walk = 0.002 * np.cumsum(rng.standard_normal((n, 3)) * np.sqrt(DT), axis=0).T
     shaking = _vibration(rng, frame, s)
-    accel = _filtered(at_declared_cg(s) + bias + walk) + shaking + 0.05 * rng.standard_normal((3, n))
+    accel = (
+        _filtered(at_declared_cg(s) + bias + walk) + shaking + 0.05 * rng.standard_normal((3, n))
+    )
     gyro = (
         _filtered(s.rates)
         + 0.02 * shaking / 9.8
@@ -99,7 +101,9 @@ def _vibration(rng: np.random.Generator, frame: Airframe, s: Track) -> Array:
 def _turned(q: Array, small: Array) -> Array:
     """Quaternions (4, t) times the small body rotations (3, t)."""
     half = 0.5 * small
-    out = np.concatenate([(q[0] - (q[1:] * half).sum(axis=0))[None], q[1:] + q[0] * half + loads.cross(q[1:], half)])
+    out = np.concatenate(
+        [(q[0] - (q[1:] * half).sum(axis=0))[None], q[1:] + q[0] * half + loads.cross(q[1:], half)]
+    )
     return out / np.sqrt((out**2).sum(axis=0))
 
 
@@ -115,16 +119,22 @@ def _speeds(rng: np.random.Generator, frame: Airframe, s: Track) -> Array:
     return out
 
 
-def _ranges(rng: np.random.Generator, c: Conditions, R: Array, origin: Array, beams: tuple[Beam, ...]) -> Array:
+def _ranges(
+    rng: np.random.Generator, c: Conditions, R: Array, origin: Array, beams: tuple[Beam, ...]
+) -> Array:
     out = np.empty((len(beams), origin.shape[1]))
     for i, beam in enumerate(beams):
         start = origin + np.einsum("jkt,k->jt", R, np.array(beam.position_m))
         way = np.einsum("jkt,k->jt", R, np.array(beam.axis))
         true = _hit(c, start, way)
-        noisy = true * (1.0 + 0.006 * rng.standard_normal(len(true))) + 0.004 * rng.standard_normal(len(true))
+        noisy = true * (1.0 + 0.006 * rng.standard_normal(len(true))) + 0.004 * rng.standard_normal(
+            len(true)
+        )
         noisy = noisy + (c.range_bias if beam.target == "ground" else 0.0)
         far = ~(noisy < RANGE_MAX_M)
-        out[i] = np.where(far, np.inf, np.maximum(np.rint(np.where(far, 1.0, noisy) * 100.0) / 100.0, 0.01))
+        out[i] = np.where(
+            far, np.inf, np.maximum(np.rint(np.where(far, 1.0, noisy) * 100.0) / 100.0, 0.01)
+        )
         for begin in rng.integers(0, len(true), max(len(true) // 4000, 1)):
             out[i, begin : begin + int(rng.integers(20, 120))] = np.nan
     return out

@@ -26,7 +26,9 @@ def ground_gain(frame: Airframe, height: Array) -> Array:
     z2 = 4.0 * z * z
     loss = (radius / (4.0 * z)) ** 2
     loss = (
-        loss + radius**2 * z / np.sqrt((beside**2 + z2) ** 3) + 0.5 * radius**2 * z / np.sqrt((2 * beside**2 + z2) ** 3)
+        loss
+        + radius**2 * z / np.sqrt((beside**2 + z2) ** 3)
+        + 0.5 * radius**2 * z / np.sqrt((2 * beside**2 + z2) ** 3)
     )
     loss = loss + 2.0 * radius**2 * z * 0.7 / np.sqrt((frame.arm_m**2 + z2) ** 3)
     return np.where(height < REACH_M, 1.0 / (1.0 - np.minimum(loss, 0.5)) - 1.0, 0.0)
@@ -53,7 +55,9 @@ def corner_wrench(frame: Airframe, height: Array, lip_gap: Array, rpm: Array) ->
     pull, tilt, loss = wall_terms(frame, lip_gap, height)
     zero = np.zeros(np.broadcast_shapes(np.shape(free), np.shape(pull), np.shape(height)))
     lift = free * (1.0 + ground_gain(frame, height)) * (1.0 - loss)
-    return np.stack([free * pull + zero, zero, lift + zero, zero, free * frame.radius_m * tilt + zero, zero])
+    return np.stack(
+        [free * pull + zero, zero, lift + zero, zero, free * frame.radius_m * tilt + zero, zero]
+    )
 
 
 def write_table(frame: Airframe, path: Path) -> None:
@@ -62,8 +66,14 @@ def write_table(frame: Airframe, path: Path) -> None:
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         out.writerow(["h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm"])
-        for h in [*(r * np.array([0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.1, 2.6, 3.2, 4.0, 5.0, 7.0])), np.inf]:
-            for d in [*(r * np.array([0.05, 0.2, 0.4, 0.65, 0.9, 1.2, 1.6, 2.1, 2.7, 3.5, 4.5, 6.0])), np.inf]:
+        for h in [
+            *(r * np.array([0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.1, 2.6, 3.2, 4.0, 5.0, 7.0])),
+            np.inf,
+        ]:
+            for d in [
+                *(r * np.array([0.05, 0.2, 0.4, 0.65, 0.9, 1.2, 1.6, 2.1, 2.7, 3.5, 4.5, 6.0])),
+                np.inf,
+            ]:
                 for rpm in (0.6, 0.85, 1.0, 1.15, 1.4):
                     speed = round(rpm * frame.hover_rpm)
                     w = corner_wrench(frame, np.array(h), np.array(d), np.array(float(speed)))

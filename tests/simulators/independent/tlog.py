@@ -20,7 +20,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 EPOCH_S = 1767225600.0
 
 
-def write(frame: Airframe, track: Track, seen: Seen, beams: tuple[Beam, ...], seed: int, path: Path) -> None:
+def write(
+    frame: Airframe, track: Track, seen: Seen, beams: tuple[Beam, ...], seed: int, path: Path
+) -> None:
     """Write one flight. Messages leave at their own rates, some late, with jitter on the way."""
     rng = np.random.default_rng([seed, 4])
     link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -36,7 +38,12 @@ def write(frame: Airframe, track: Track, seen: Seen, beams: tuple[Beam, ...], se
 
 
 def _messages(
-    frame: Airframe, track: Track, s: Seen, beams: tuple[Beam, ...], rng: np.random.Generator, boot: float
+    frame: Airframe,
+    track: Track,
+    s: Seen,
+    beams: tuple[Beam, ...],
+    rng: np.random.Generator,
+    boot: float,
 ) -> Iterator[tuple[float, Any]]:
     """(time sent since the log's begin, message)."""
     px4 = frame.autopilot == 12
@@ -58,14 +65,21 @@ def _messages(
             share = float(track.output[:, k].mean())
             yield t, dialect.MAVLink_attitude_target_message(ms, 7, q, 0.0, 0.0, 0.0, share)
         if k % 50 == 0:
-            yield t, dialect.MAVLink_scaled_pressure_message(ms, s.pascal[k] / 100.0, 0.0, round(s.celsius[k] * 100), 0)
+            yield (
+                t,
+                dialect.MAVLink_scaled_pressure_message(
+                    ms, s.pascal[k] / 100.0, 0.0, round(s.celsius[k] * 100), 0
+                ),
+            )
             yield t, _battery(frame, float(s.volts[k]), float(s.amperes[k]))
             if px4:
                 yield t, EscInfo(us, k // 50, frame.count, float(s.esc_celsius[k]))
         if k % 250 == 0:
             yield (
                 t,
-                dialect.MAVLink_heartbeat_message(13 if frame.count == 6 else 2, frame.autopilot, 128 + 81, 4, 4, 3),
+                dialect.MAVLink_heartbeat_message(
+                    13 if frame.count == 6 else 2, frame.autopilot, 128 + 81, 4, 4, 3
+                ),
             )
     if frame.declares == "esc":
         yield from _escs(frame, track, s, float(rng.uniform(0.005, 0.025)))
@@ -76,7 +90,18 @@ def _messages(
 def _imu(px4: bool, us: int, accel: Array, gyro: Array, pascal: float) -> Any:
     if px4:
         return dialect.MAVLink_highres_imu_message(
-            us, *accel.tolist(), *gyro.tolist(), 0.2, 0.0, 0.45, pascal / 100.0, 0.0, 0.0, 38.0, 0x1FFF, 0
+            us,
+            *accel.tolist(),
+            *gyro.tolist(),
+            0.2,
+            0.0,
+            0.45,
+            pascal / 100.0,
+            0.0,
+            0.0,
+            38.0,
+            0x1FFF,
+            0,
         )
     whole = [round(float(v) / G * 1000.0) for v in accel] + [round(float(v) * 1000.0) for v in gyro]
     return dialect.MAVLink_raw_imu_message(us, *whole, 200, 0, 450, 0, 3800)
@@ -84,7 +109,9 @@ def _imu(px4: bool, us: int, accel: Array, gyro: Array, pascal: float) -> Any:
 
 def _battery(frame: Airframe, volts: float, amperes: float) -> Any:
     cells = [round(volts / frame.cells * 1000.0)] * frame.cells + [65535] * (10 - frame.cells)
-    return dialect.MAVLink_battery_status_message(0, 1, 1, 32767, cells, round(amperes * 100.0), -1, -1, 70)
+    return dialect.MAVLink_battery_status_message(
+        0, 1, 1, 32767, cells, round(amperes * 100.0), -1, -1, 70
+    )
 
 
 class EscInfo(dialect.MAVLink_message):
@@ -96,7 +123,9 @@ class EscInfo(dialect.MAVLink_message):
     def __init__(self, us: int, count: int, rotors: int, celsius: float) -> None:
         super().__init__(290, "ESC_INFO")
         warm = [round(celsius * 100.0)] * rotors + [32767] * (4 - rotors)
-        self.content = self.WIRE.pack(us, *[0] * 4, count % 65536, *[0] * 4, *warm, 0, rotors, 4, 2**rotors - 1)
+        self.content = self.WIRE.pack(
+            us, *[0] * 4, count % 65536, *[0] * 4, *warm, 0, rotors, 4, 2**rotors - 1
+        )
 
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         """The frame."""
@@ -105,9 +134,15 @@ class EscInfo(dialect.MAVLink_message):
 
 def _escs(frame: Airframe, track: Track, s: Seen, late: float) -> Iterator[tuple[float, Any]]:
     """ESC telemetry at 25 Hz, in groups of four."""
-    groups = (dialect.MAVLink_esc_telemetry_1_to_4_message, dialect.MAVLink_esc_telemetry_5_to_8_message)
+    groups = (
+        dialect.MAVLink_esc_telemetry_1_to_4_message,
+        dialect.MAVLink_esc_telemetry_5_to_8_message,
+    )
     for count, k in enumerate(range(0, len(track.time), 10)):
-        volts, amperes = round(float(s.volts[k]) * 100), round(float(s.amperes[k]) / frame.count * 100)
+        volts, amperes = (
+            round(float(s.volts[k]) * 100),
+            round(float(s.amperes[k]) / frame.count * 100),
+        )
         warm = round(float(s.esc_celsius[k]))
         for g in range((frame.count + 3) // 4):
             here = min(4, frame.count - 4 * g)
@@ -135,7 +170,18 @@ def _beam(
             yield (
                 t,
                 dialect.MAVLink_distance_sensor_message(
-                    round((boot + t) * 1e3), 5, 800, cm, 0, number, beam.orientation, 255, 0.0, 0.0, [0.0] * 4, 0
+                    round((boot + t) * 1e3),
+                    5,
+                    800,
+                    cm,
+                    0,
+                    number,
+                    beam.orientation,
+                    255,
+                    0.0,
+                    0.0,
+                    [0.0] * 4,
+                    0,
                 ),
             )
         t += 0.055 + float(rng.normal(0.0, 0.006))

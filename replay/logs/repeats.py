@@ -1,0 +1,76 @@
+"""Messages that a .tlog holds twice, because two links of one vehicle were recorded into it: each is taken once.
+
+Two links differ in delay, losses, sequence numbers, signatures and protocol version. What they deliver does not differ:
+the same sender, message and payload. A message with a boot stamp is never sent twice, so it shows that there are two
+links, and how far behind the second is. What has no stamp is a repeat where it follows no further behind.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mavlink import AUTOPILOT_COMPONENT
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.wire_frames import cut
+from replay.logs.tlog import Tlog
+
+_UNIQUE = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
+"""Sent once for every boot stamp."""
+_FEW = 10
+"""A link may deliver a frame again now and then."""
+_LONGEST_MS = 10_000
+"""Links never delay by ten seconds; what comes later is another recording, joined."""
+_MOST = 0.99
+"""Share of the repeats that show how far the second link is behind."""
+
+
+def without_repeats(log: Tlog) -> tuple[Tlog, int]:
+    """The log with every message once, the first to arrive; how many were left out."""
+    behind = _frames_behind(log)
+    if behind is None:
+        return log, 0
+    seen: dict[int, int] = {}
+    kept = np.ones(len(log), bool)
+    for place, (_, raw) in enumerate(log.frames()):
+        frame = cut(raw, 0)
+        # MAVLink 2 cuts trailing zeros, MAVLink 1 does not.
+        key = hash((frame.id, frame.system, frame.component, frame.payload.rstrip(b"\0")))
+        first = seen.get(key)
+        if first is not None and place - first <= behind:
+            kept[place] = False
+        else:
+            seen[key] = place
+    return log.taken(np.flatnonzero(kept)), int((~kept).sum())
+
+
+def _frames_behind(log: Tlog) -> int | None:
+    """How many frames lie between a message and its repeat at most; None where nothing is repeated."""
+    distances = []
+    for layout in LAYOUTS.values():
+        if layout.name not in _UNIQUE:
+            continue
+        index = log.indices(layout.id)
+        index = index[log.component[index] == AUTOPILOT_COMPONENT]
+        if len(index):
+            distances.append(_repeats(log, layout.id, index))
+    found = np.concatenate(distances) if distances else np.empty(0, np.int64)
+    # Between others lie up to twice as many: messages come in bursts.
+    return 2 * int(np.quantile(found, _MOST)) + _FEW if len(found) > _FEW else None
+
+
+def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Frames between the messages at ``index`` and their repeats, of those that a second link explains."""
+    records = log.records(message_id, index)
+    content = records.view(np.uint8).reshape(len(records), -1)
+    content = np.ascontiguousarray(np.column_stack([log.system[index], content]))
+    _, group = np.unique(content.view(f"V{content.shape[1]}").reshape(-1), return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    again = np.diff(group[order]) == 0
+    first = order[:-1][again]
+    repeat = order[1:][again]
+    stamps = np.unique(records["time_boot_ms"])
+    period_ms = (stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1)
+    # Between a message and its repeat lie others, and the repeats of others.
+    near = (repeat - first) * period_ms <= 2 * _LONGEST_MS
+    return np.asarray((index[repeat] - index[first])[near])

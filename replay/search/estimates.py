@@ -1,0 +1,324 @@
+"""Sizes of a named effect with their intervals: as they were fitted, and as people say them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+from scipy.stats import truncnorm
+
+from models.effects import Context, Effect
+from models.frames import Array
+from replay.search.evidence import TRUST, Evidence, Fit
+from replay.search.held_out import FlightFit, folds_of
+from replay.search.sets import Walked
+from replay.search.terms import Term
+
+BOUND_SHARE = 0.01
+"""Distance to a bound, as a share of the range, within which a coefficient stands at it."""
+LEARNT = 0.7
+"""Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
+DRAWS = 4000
+"""Of the joint posterior: the ends of a 95 % interval are then sure to 2 % of its width."""
+FEWEST_WITHIN = 0.05
+"""Share of draws within all bounds below which draws are moved to the bounds, and not thrown away."""
+_SIDE = 1.96
+"""Standard deviations from the middle to the end of a 95 % interval."""
+
+
+@dataclass(frozen=True)
+class IntervalEstimate:
+    """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
+
+    name: str
+    value: float
+    ci95: tuple[float, float] | None
+    """None: a kind (a fan's number) or a reference, which is not estimated."""
+    unit: str
+    at_bound: bool = False
+    determined: bool = True
+    """Whether the flights say more about it than was assumed before."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Value, interval and unit; what is not determined has no value, and what is not estimated no interval."""
+        out: dict[str, Any] = {"value": self.value if self.determined else None}
+        if self.ci95 is not None:
+            out["ci95"] = self.ci95
+        out["unit"] = self.unit
+        return out | ({"at_bound": True} if self.at_bound else {})
+
+    @property
+    def sign_probability(self) -> float:
+        """That it has the sign of its value, Phi(|b| / s); 1 where the interval leaves zero out."""
+        if self.ci95 is None:
+            return 1.0
+        low, high = self.ci95
+        return (
+            float(ndtr(abs(self.value) / (high - low) * 2.0 * _SIDE))
+            if low <= 0.0 <= high and low < high
+            else 1.0
+        )
+
+    def times(self, factor: float, unit: str) -> IntervalEstimate:
+        """In another unit."""
+        interval = None if self.ci95 is None else (self.ci95[0] * factor, self.ci95[1] * factor)
+        return replace(self, value=self.value * factor, ci95=interval, unit=unit)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The parameters of an effect on one flight."""
+
+    fitted: tuple[IntervalEstimate, ...]
+    """As a model directory keeps them."""
+    said: tuple[IntervalEstimate, ...]
+    """As people say them: ``Effect.shown``."""
+
+
+def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalEstimate]) -> Sizes:
+    """Coefficients on a flight, then the shape (``shape_estimates``).
+
+    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
+    Statistics 9, 586), and beside it that between the sets that hold the effect.
+    """
+    effect = term.named
+    best = walked.best
+    flight = fit.index
+    context = fit.record.context
+    part = best.part(term)
+    place = term.place(flight)
+    mean = effect.mixed(best.sizes(term, flight), term.shape)
+    root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
+    root = effect.mixed((term.scale[place, None] * root).T, term.shape)
+    posterior = (root**2).sum(axis=0) / TRUST
+    drawn = effect.mixed(fit.effects[term.key].folds, term.shape)
+    variance = np.maximum(posterior, _jackknife(drawn))
+    sd = np.sqrt(variance + _between(walked, term, flight, mean))
+    fitted: list[IntervalEstimate] = []
+    possible: list[IntervalEstimate] = []
+    for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
+        low = c.least(context)
+        high = c.most(context)
+        typical = c.spread(context)
+        value = float(np.clip(m, low, high))
+        half = _SIDE * s
+        at = min(value - low, high - value) < BOUND_SHARE * min(high - low, 10.0 * typical)
+        at = at and half > 0.0 and (not effect.main or c.name in effect.main)
+        interval = min(value, m - half), max(value, m + half)
+        determined = s < LEARNT / np.sqrt(TRUST) * typical
+        one = IntervalEstimate(c.name, value, interval, c.unit, at, determined)
+        fitted.append(one)
+        possible.append(replace(one, ci95=_within_bounds(m, s, low, high)))
+    fitted += shapes
+    possible += shapes
+    # The correlations are the posterior's, the spreads those of the intervals.
+    wider = sd / np.sqrt(np.maximum(posterior, 1e-300) * TRUST)
+    normal = np.random.default_rng(0).standard_normal((DRAWS, len(mean)))
+    draws = _within(mean + (normal @ root) * wider, effect, context)
+    by_name = {c.name: draws[:, i] for i, c in enumerate(effect.coefficients)}
+    by_name |= {e.name: np.full(len(draws), e.value) for e in shapes}
+    return Sizes(tuple(fitted), said(effect, context, possible, by_name))
+
+
+def said(
+    effect: Effect, context: Context, fitted: Sequence[IntervalEstimate], draws: Mapping[str, Array]
+) -> tuple[IntervalEstimate, ...]:
+    """Parameters as people say them, by draws (m,) of all of them: weighted quantiles of the quantities."""
+    shown = effect.shown
+    quantities = {q.instead_of: q for q in shown.quantities}
+    log_weight = np.zeros(1) if shown.log_weight is None else shown.log_weight(context, draws)
+    weight = np.exp(log_weight - log_weight.max())
+    out = []
+    for e in fitted:
+        quantity = quantities.get(e.name)
+        if quantity is None:
+            out.append(e)
+        elif quantity.of is None:
+            out.append(replace(e, name=quantity.name, unit=quantity.unit))
+        else:
+            low, value, high = _quantiles(quantity.of(context, draws), weight)
+            out.append(
+                IntervalEstimate(
+                    quantity.name, value, (low, high), quantity.unit, e.at_bound, e.determined
+                )
+            )
+    return tuple(out)
+
+
+def shape_estimates(
+    walked: Walked, term: Term, flights: Sequence[int]
+) -> tuple[IntervalEstimate, ...]:
+    """Every shape parameter of a term of the best set."""
+    return tuple(_shape_estimate(walked, term, i, flights) for i in range(len(term.named.shapes)))
+
+
+def _jackknife(values: Array) -> Array:
+    """Variance (k,) by the folds' values (folds, k): (F - 1) / F of their sum of squares about the mean."""
+    spread = values - values.mean(axis=0)
+    return np.asarray((len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
+
+
+def _within_bounds(mean: float, sd: float, low: float, high: float) -> tuple[float, float]:
+    """The part of a 95 % interval within bounds; where hardly any is, that of the normal cut off at them."""
+    near, far = np.clip([mean - _SIDE * sd, mean + _SIDE * sd], low, high)
+    ends = (low - mean) / sd, (high - mean) / sd
+    tail = truncnorm.ppf((0.025, 0.975), *ends, loc=mean, scale=sd)
+    return min(float(near), float(tail[0])), max(float(far), float(tail[1]))
+
+
+def _within(draws: Array, effect: Effect, context: Context) -> Array:
+    """Draws (m, k) within all bounds; all of them, moved to the bounds, where hardly any is."""
+    low = np.array([c.least(context) for c in effect.coefficients])
+    high = np.array([c.most(context) for c in effect.coefficients])
+    inside = ((draws >= low) & (draws <= high)).all(axis=1)
+    if inside.mean() < FEWEST_WITHIN:
+        return np.clip(draws, low, high)
+    return np.asarray(draws[inside])
+
+
+def _quantiles(values: Array, weight: Array) -> tuple[float, float, float]:
+    """The 2.5, 50 and 97.5 % quantiles of draws (m,) with weights (m,) or (1,)."""
+    order = np.argsort(values)
+    total = np.cumsum(np.broadcast_to(weight, values.shape)[order])
+    share = (total - 0.5 * np.diff(total, prepend=0.0)) / total[-1]
+    low, middle, high = np.interp([0.025, 0.5, 0.975], share, values[order])
+    return float(low), float(middle), float(high)
+
+
+def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
+    """Variance (k,) of the coefficients b_S over the sets S that hold the effect, by their probability p_S.
+
+    sum p_S (b_S - ``mean``)^2 / sum p_S: Hoeting et al. 1999, Statistical Science 14, 382.
+    """
+    out = np.zeros_like(mean)
+    total = 0.0
+    for fit, weight in walked.weighted():
+        for t in fit.terms:
+            if t.effect is not None and t.key == term.key and flight in t.places:
+                out += weight * (t.effect.mixed(fit.sizes(t, flight), t.shape) - mean) ** 2
+                total += weight
+    return out / max(total, 1e-12)
+
+
+def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) -> IntervalEstimate:
+    """A shape parameter with its 95 % interval, and whether it stands at the grid's edge.
+
+    The density over the values tried goes with exp(TRUST gain in log evidence), each out to half way to the next, the
+    other parameters at their likeliest. It is no narrower than the folds and the other sets say.
+    """
+    shape = term.named.shapes[i]
+    value = float(term.shape[i])
+    if not shape.continuous or value in shape.kinds:
+        return IntervalEstimate(shape.name, value, None, shape.unit)
+    gains = _profile(walked, term, i)
+    if len(gains) < 2:
+        return IntervalEstimate(shape.name, value, None, shape.unit)
+    tried = np.array(sorted(gains))
+    weight = np.exp([gains[v] - max(gains.values()) for v in tried])
+    edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
+    total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
+    low, high = np.interp([0.025, 0.975], total / total[-1], edges)
+    half = _SIDE * np.sqrt(
+        _between_shapes(walked, term, i) + _folds_variance(walked, term, i, flights)
+    )
+    low = min(low, value - half)
+    high = max(high, value + half)
+    if tried[0] >= 0.0:
+        low = max(low, 0.0)
+    at = value in (tried[0], tried[-1]) and not (value == 0.0 and shape.free_at_zero)
+    return IntervalEstimate(shape.name, value, (float(low), float(high)), shape.unit, bool(at))
+
+
+def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
+    """By value of a shape parameter the largest TRUST gain in log evidence beside the other terms of the best set."""
+    evidence = walked.evidence
+    shape = term.named.shapes[i]
+    beside = [t for t in walked.best.terms if t is not term]
+    screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
+    gains: dict[float, float] = {}
+    for number in evidence.library.numbers_of[term.key]:
+        value = evidence.library.terms[number].shape[i]
+        if value not in shape.kinds:
+            gains[value] = max(gains.get(value, -np.inf), TRUST * float(screened[number]))
+    return gains
+
+
+def _between_shapes(walked: Walked, term: Term, i: int) -> float:
+    """Variance of a shape parameter over the sets that hold the effect, by their probability, about this one."""
+    out = 0.0
+    total = 0.0
+    for fit, weight in walked.weighted():
+        for t in fit.terms:
+            if t.key == term.key:
+                out += weight * (t.shape[i] - term.shape[i]) ** 2
+                total += weight
+    return out / max(total, 1e-12)
+
+
+def _folds_variance(walked: Walked, term: Term, i: int, flights: Sequence[int]) -> float:
+    """Jackknife variance of a shape parameter; 0 where it was tried on one side only.
+
+    Every fold has its own likeliest value: the vertex of the parabola through the log posteriors of the value found
+    and of its neighbours on the grid.
+    """
+    three = _beside_each_other(walked.evidence, term, i)
+    if three is None:
+        return 0.0
+    values = np.array([t.shape[i] for t in three])
+    sets = [[t if old is term else old for old in walked.best.terms] for t in three]
+    variance = 0.0
+    for flight in flights:
+        vertices = []
+        for left_out in folds_of(walked.evidence.library, flight):
+            fits = [
+                walked.evidence.refit(terms, walked.best.noise, {flight: left_out})
+                for terms in sets
+            ]
+            vertex = _vertex(values, np.array([_log_posterior(f) for f in fits]))
+            vertices.append(np.clip(vertex, *_tried(walked.evidence, term, i)))
+        variance += float(_jackknife(np.array(vertices)[:, None])[0])
+    return variance
+
+
+def _tried(evidence: Evidence, term: Term, i: int) -> tuple[float, float]:
+    """The smallest and the largest value of a shape parameter that was tried."""
+    terms = [evidence.library.terms[number] for number in evidence.library.numbers_of[term.key]]
+    values = [t.shape[i] for t in terms]
+    return min(values), max(values)
+
+
+def _beside_each_other(evidence: Evidence, term: Term, i: int) -> tuple[Term, Term, Term] | None:
+    """The terms below, at and above a value of a shape parameter, all else the same; None at an edge."""
+    library = evidence.library
+    same = [library.terms[number] for number in library.numbers_of[term.key]]
+    rest = term.shape[:i] + term.shape[i + 1 :]
+    kinds = term.named.shapes[i].kinds
+    row = {
+        t.shape[i]: t
+        for t in same
+        if t.shape[:i] + t.shape[i + 1 :] == rest and t.shape[i] not in kinds
+    }
+    below = [v for v in row if v < term.shape[i]]
+    above = [v for v in row if v > term.shape[i]]
+    if not below or not above:
+        return None
+    return row[max(below)], term, row[min(above)]
+
+
+def _log_posterior(fit: Fit) -> float:
+    """Of a refitted set beside its noise, up to what is the same for all sets: 1/2 (b^T A b + log det A^-1)."""
+    return 0.5 * float(fit.b @ np.linalg.solve(fit.cov, fit.b)) + 0.5 * float(
+        np.linalg.slogdet(fit.cov)[1]
+    )
+
+
+def _vertex(x: Array, y: Array) -> float:
+    """Where the parabola through three points is highest."""
+    slopes = np.diff(y) / np.diff(x)
+    bend = (slopes[1] - slopes[0]) / (x[2] - x[0])
+    if bend >= 0.0:
+        return float(x[int(np.argmax(y))])
+    return float(0.5 * (x[0] + x[1]) - slopes[0] / (2.0 * bend))

@@ -1,0 +1,394 @@
+"""Numbers of an answer in the units of people: winds of the air, masses by name, shares of the weight."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnose_noise import noise_record
+from made_up import some
+
+from models.air_state import blank_state
+from models.effects import AdoptedEffect, Context, Effect, get
+from models.surrogate.empty import empty_model
+from replay.diagnosis.amended_model import amended, of_one_wind
+from replay.diagnosis.diagnose import Diagnosis, conclude
+from replay.diagnosis.html_report import page
+from replay.diagnosis.words import estimate_text, explains_text, size_text
+from replay.residual.record import Record
+from replay.search import results
+from replay.search.estimates import IntervalEstimate
+from replay.search.held_out import Acting, FlightFit
+from replay.search.sets import Walked, class_of
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Record:
+    """Ninety seconds of noise."""
+    return noise_record(11, 90.0, 0.3)
+
+
+def added(record: Record, name: str, shape: tuple[float, ...], *coefficients: float) -> Record:
+    """The record with an effect's wrench in its residual; coefficients that are not given are 0."""
+    x = np.nan_to_num(get(name).regressors(record.context, shape))
+    return replace(
+        record, residual=record.residual + x[..., : len(coefficients)] @ np.array(coefficients)
+    )
+
+
+def in_wind(record: Record, north_m_s: float, east_m_s: float, drag: float) -> Record:
+    """The record in a wind of the air, of a vehicle with this share of momentum theory's drag."""
+    return added(record, "wind", (0.0,), drag * north_m_s, drag * east_m_s, drag)
+
+
+def with_velocity(record: Record, factor: float) -> Record:
+    """The record flown at other speeds."""
+    state = record.context.state
+    moved = replace(state, velocity_ned=factor * state.velocity_ned)
+    return replace(record, context=replace(record.context, state=moved))
+
+
+def told(answer: Diagnosis) -> dict[str, Any]:
+    return json.loads(json.dumps(answer.as_json(None), allow_nan=False))
+
+
+def parameters(answer: Diagnosis, name: str) -> Mapping[str, Mapping[str, Any]]:
+    return next(e for e in told(answer)["effects"] if e["name"] == name)["parameters"]
+
+
+@pytest.fixture(scope="module")
+def brisk(quiet: Record) -> Diagnosis:
+    """Three metres a second from the south, of a vehicle with a quarter of momentum theory's drag."""
+    return conclude([in_wind(with_velocity(quiet, 4.0), 3.0, -1.0, 0.25)], effects=some("wind"))
+
+
+def test_a_wind_is_the_speed_of_the_air_whatever_the_vehicles_drag(brisk: Diagnosis) -> None:
+    wind = parameters(brisk, "wind")
+    for name, true in (("north", 3.0), ("east", -1.0)):
+        low, high = wind[name]["ci95"]
+        assert low < true < high
+        assert wind[name]["unit"] == "m/s"
+        assert high - low < 2.0
+
+
+def test_the_model_keeps_the_force_that_was_found(brisk: Diagnosis) -> None:
+    (wind,) = brisk.found
+    assert wind.parameters["north"] == pytest.approx(0.25 * 3.0, rel=0.2)
+    assert wind.numbers["north"] == pytest.approx(
+        wind.parameters["north"] / wind.parameters["own_motion"], rel=0.1
+    )
+
+
+def test_there_is_one_wind_in_an_answer(brisk: Diagnosis) -> None:
+    assert not [note for note in brisk.notes if "m/s" in note]
+    assert re.search(
+        r"[Ww]ind of (2\.[89]|3|3\.[0-4]) m/s from the south", page(brisk, brisk.vehicle)
+    )
+
+
+def test_a_wind_whose_drag_the_flight_does_not_show_has_a_wide_interval_and_says_why(
+    quiet: Record,
+) -> None:
+    still = with_velocity(quiet, 0.0)
+    answer = conclude([in_wind(still, 3.0, 0.0, 0.3)], effects=some("wind"))
+    low, high = parameters(answer, "wind")["north"]["ci95"]
+    assert low < 3.0 < high
+    assert high > 2.0 * low
+    assert any("hangs on the drag" in note for note in answer.notes)
+
+
+def test_a_wind_in_the_lift_is_said_as_a_product_and_in_no_speed(quiet: Record) -> None:
+    inflow = added(quiet, "vertical_inflow", (), 6.0, 0.0, 60.0, 0.0)
+    found = parameters(conclude([inflow], effects=some("vertical_inflow")), "vertical_inflow")
+    assert {"lift_by_tilt_north", "lift_by_tilt_east"} <= set(found)
+    assert not [name for name, p in found.items() if p["unit"] == "m/s"]
+
+
+def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record) -> None:
+    drag = AdoptedEffect(
+        "rotor_drag", {"drag": 0.25, "turning": 0.0, "sinking": 0.0, "above_radii": 0.0}
+    )
+    model = empty_model(quiet.context.vehicle).with_effects((drag,))
+    context = replace(quiet.context, model=model)
+    force = {
+        "north": 0.75,
+        "east": 0.0,
+        "own_motion": 0.0,
+        "turning": 0.0,
+        "sinking": 0.0,
+        "above_radii": 0.0,
+    }
+    assert get("wind").said(context, force)["north"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "sizes", "said"),
+    [
+        ("payload", (0.0,), (0.3,), {"mass_kg": 0.3}),
+        ("slung_load", (0.55,), (0.2, 0.25, 0.0), {"mass_kg": 0.25, "length_m": 0.55}),
+    ],
+)
+def test_a_load_is_said_by_its_mass_and_its_length(
+    quiet: Record,
+    name: str,
+    shape: tuple[float, ...],
+    sizes: tuple[float, ...],
+    said: dict[str, float],
+) -> None:
+    effect = get(name)
+    numbers = effect.said(quiet.context, effect.parameters(sizes, shape))
+    assert {key: numbers[key] for key in said} == pytest.approx(said)
+    assert not {"mass", "rope_m"} & set(numbers)
+
+
+def assumed(record: Record) -> Record:
+    """The record of a vehicle whose mass is a typical one."""
+    vehicle = replace(record.context.vehicle, assumed=("mass_kg",))
+    return replace(record, context=replace(record.context, vehicle=vehicle))
+
+
+def test_without_a_known_mass_sizes_are_shares_of_the_weight_everywhere(quiet: Record) -> None:
+    load = added(quiet, "payload", (0.0,), 0.1 * quiet.context.vehicle.mass_kg)
+    effects = some("payload", "rotor_drag", "contact")
+    answer = conclude([assumed(load)], effects=effects)
+    said = told(answer)
+    mass = parameters(answer, "payload")["mass_kg"]
+    assert mass["unit"] == "weight"
+    assert mass["value"] == pytest.approx(0.1, rel=0.1)
+    assert said["axes"]["Fz"]["unit"] == "weight"
+    assert said["axes"]["Fz"]["rms_before"] == pytest.approx(0.1, rel=0.2)
+    assert said["axes"]["My"]["unit"] == "weight m"
+    text = answer.as_text() + page(answer, answer.vehicle)
+    for unit in (" N ", " N<", " kg", "[N]", "N m", "N/m"):
+        assert unit not in text, unit
+    units = {one["unit"] for one in said["could_have_seen"]}
+    assert not units & {"N", "kg", "N/m", "N m"}
+
+
+def test_a_known_mass_gives_newtons(quiet: Record) -> None:
+    said = told(conclude([quiet], effects=some("payload")))
+    assert said["axes"]["Fz"]["unit"] == "N"
+
+
+@pytest.mark.slow
+def test_no_interval_has_zero_width(quiet: Record) -> None:
+    state = quiet.context.state
+    volts = np.linspace(16.0, 14.0, len(quiet.time_s))
+    drained = replace(
+        quiet.context, state=replace(state, battery_voltage_v=volts), only_answers=False
+    )
+    record = replace(quiet, context=drained)
+    lively = added(record, "battery_sag", (16.0,), 2.0)
+    lively = added(lively, "fan_imbalance", (1.0,), -0.15)
+    answer = told(conclude([lively], effects=some("battery_sag", "fan_imbalance", "wind")))
+    found = {e["name"]: e["parameters"] for e in answer["effects"]}
+    assert {"battery_sag", "fan_imbalance"} <= set(found)
+    assert "ci95" not in found["battery_sag"]["reference_v"]
+    assert "ci95" not in found["fan_imbalance"]["fan"]
+    for sizes in found.values():
+        for name, p in sizes.items():
+            if "ci95" in p:
+                assert p["ci95"][1] > p["ci95"][0], name
+
+
+@pytest.mark.slow
+def test_a_dead_time_that_was_refined_in_one_row_has_the_width_of_its_grid(quiet: Record) -> None:
+    rng = np.random.default_rng(7)
+    more = (
+        1.0
+        + 0.05
+        * np.repeat(rng.standard_normal(len(quiet.time_s) // 8 + 1), 8)[: len(quiet.time_s), None]
+    )
+    state = quiet.context.state
+    changed = replace(
+        state, rpm=state.rpm * np.sqrt(more), specific_force=state.specific_force * more
+    )
+    context = replace(quiet.context, state=changed, only_answers=False)
+    late = added(replace(quiet, context=context), "motor_lag", (0.06, 0.04), 1.0)
+    answer = conclude([late], effects=some("motor_lag"))
+    for name in ("dead_s", "tau_s"):
+        low, high = parameters(answer, "motor_lag")[name]["ci95"]
+        assert high - low > 0.002, name
+
+
+def test_what_is_not_determined_has_no_value_but_its_interval() -> None:
+    unknown = IntervalEstimate("scale", 0.26, (-0.19, 0.72), "1", determined=False)
+    assert unknown.as_json() == {"value": None, "ci95": (-0.19, 0.72), "unit": "1"}
+    assert estimate_text(unknown) == "scale not determined [-0.19, 0.72]"
+    assert (
+        estimate_text(IntervalEstimate("from_s", 102.84, (102.5, 103.2), "s"))
+        == "from_s = 102.8 [102.5, 103.2] s"
+    )
+    assert estimate_text(IntervalEstimate("fan", 3.0, None, "1")) == "fan = 3"
+    assert IntervalEstimate("fan", 3.0, None, "1").as_json() == {"value": 3.0, "unit": "1"}
+
+
+def test_small_numbers_have_digits_and_nothing_is_minus_zero() -> None:
+    assert [size_text(v) for v in (0.0000231, 0.0, 1.3194, 123.4)] == [
+        "0.0000231",
+        "0",
+        "1.32",
+        "123",
+    ]
+    assert explains_text(-0.002) == "explains less than 1 %"
+    assert explains_text(0.124) == "explains 12%"
+
+
+def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
+    """Sets of effects with their probabilities; the first is the best."""
+    fits = {}
+    for chance, names in sets:
+        terms = tuple(
+            SimpleNamespace(name=name, effect=get(name), key=(name, None, None)) for name in names
+        )
+        fit = SimpleNamespace(
+            terms=terms, score=math.log(chance), key=frozenset(t.key for t in terms)
+        )
+        fits[fit.key] = fit
+    return Walked(None, fits, next(iter(fits.values())))
+
+
+def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() -> None:
+    walked = weighed(
+        (0.6, ("wind",)),
+        (0.25, ("imu_bias", "rotor_drag")),
+        (0.14, ("payload",)),
+        (0.01, ("contact",)),
+    )
+    members = class_of(walked, get("wind"), ("imu_bias", "rotor_drag", "payload", "contact"))
+    # Drag is a part of wind: it takes no share of what pushes. What is told from it is left out.
+    assert members == (("wind", 0.6), ("imu_bias", 0.25), ("payload", 0.14))
+
+
+def test_what_is_told_from_all_others_is_no_class() -> None:
+    assert (
+        class_of(weighed((0.98, ("wind",)), (0.02, ("imu_bias",))), get("wind"), ("imu_bias",))
+        == ()
+    )
+
+
+def test_at_most_three_members_are_shown_and_the_effect_is_one() -> None:
+    walked = weighed(
+        (0.1, ("wind",)), (0.3, ("imu_bias",)), (0.3, ("payload",)), (0.3, ("contact",))
+    )
+    members = class_of(walked, get("wind"), ("imu_bias", "payload", "contact"))
+    assert len(members) == 3
+    assert "wind" in dict(members)
+
+
+def test_a_class_is_one_entry_with_its_members_and_what_decides(brisk: Diagnosis) -> None:
+    (wind,) = brisk.found
+    members = (("wind", 0.7), ("imu_bias", 0.3))
+    unsure = replace(wind, members=members, push="a steady push to the left", aliases=("imu_bias",))
+    answer = replace(brisk, found=(unsure,))
+    (effect,) = told(answer)["effects"]
+    assert effect["members"] == [{"name": name, "probability": p} for name, p in members]
+    assert all(get(name).excite in effect["decided_by"] for name, _ in members)
+    assert told(answer)["aliases"] == [["wind", "imu_bias"]]
+    text = answer.as_text()
+    assert "a steady push to the left: wind 0.7, or IMU bias 0.3; to know which: turn" in text
+    assert "  wind or imu_bias (candidate" in text
+    assert "do not tell these apart" in page(answer, answer.vehicle)
+
+
+def test_a_push_is_said_by_its_way(quiet: Record) -> None:
+    fit = fit_of(quiet, np.full(len(quiet.time_s), -2.0), np.sin(np.arange(len(quiet.time_s))))
+    steady, changing = (results._push(fit, key) for key in fit.effects)
+    assert steady == "a steady push backward"
+    assert changing == "a changing push forward or backward"
+
+
+def fit_of(quiet: Record, *pushes: np.ndarray) -> FlightFit:
+    """A flight under effects that push along x."""
+    effects = {}
+    for number, push in enumerate(pushes):
+        wrench = np.zeros((len(push), 6))
+        wrench[:, 0] = push
+        effects[(f"effect {number}", None, None)] = Acting(wrench, ("Fx",), np.zeros((8, 1)), {})
+    still = np.zeros_like(quiet.residual)
+    return FlightFit(quiet, 0, quiet.residual, effects, still, still)
+
+
+def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_the_other(
+    quiet: Record,
+) -> None:
+    wave = np.sin(np.arange(len(quiet.time_s)))
+    fit = fit_of(quiet, 3.0 * wave, -2.7 * wave)
+    keys = list(fit.effects)
+    assert all(fit.gain(key, [0]) > 0.0 for key in keys)
+    assert fit.energy(fit.after, [0]) > fit.energy(fit.before, [0])
+    (mended,), without = results._by_axis([fit], keys)
+    assert mended.energy(mended.after, [0]) <= mended.energy(mended.before, [0]) * (
+        1.0 + results.WORSE_SHARE
+    )
+    assert without
+
+
+def test_an_effect_that_acts_on_no_axis_that_it_carries_is_no_name(
+    quiet: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged = results._by_axis
+
+    def nowhere(fits, keys):
+        fits, without = judged(fits, keys)
+        return fits, without | {key: ("Fx", "Fy") for key in keys if key[0] == "rotor_drag"}
+
+    monkeypatch.setattr(results, "_by_axis", nowhere)
+    dragged = added(with_velocity(quiet, 4.0), "rotor_drag", (0.0,), 0.6)
+    answer = conclude([dragged], effects=some("rotor_drag"))
+    assert not answer.found
+    reasons = {r.name: r.reason for r in answer.rejected}
+    assert reasons["rotor_drag"] == "it makes the error on held-out time larger"
+
+
+def test_drag_that_was_found_in_still_air_is_kept_whole() -> None:
+    assert of_one_wind(0.0, 2.0) == 0.0
+    assert of_one_wind(2.0, 2.0) == pytest.approx(0.25)
+    assert of_one_wind(10.0, 0.1) == pytest.approx(0.5, abs=0.001)
+
+
+def test_what_is_the_vehicles_of_a_wind_stays_as_drag_and_flies_the_same_force(
+    quiet: Record,
+) -> None:
+    context = quiet.context
+    found = {
+        "north": 0.7,
+        "east": 0.2,
+        "own_motion": 0.4,
+        "turning": 0.3,
+        "sinking": 0.1,
+        "above_radii": 0.5,
+    }
+    wind = AdoptedEffect("wind", found, ("My",))
+    (kept,) = amended(None, context.vehicle, [wind]).effects
+    assert kept.name == "rotor_drag"
+    assert kept.without == ("My",)
+    calm = found | {"north": 0.0, "east": 0.0}
+    assert get("rotor_drag").wrench(context, kept.parameters) == pytest.approx(
+        get("wind").wrench(context, calm)
+    )
+
+
+def test_every_quantity_stands_for_a_parameter_and_is_finite(quiet: Record) -> None:
+    vehicle = quiet.context.vehicle
+    nothing = Context(blank_state((3,), len(vehicle.fans), len(vehicle.rotors)), vehicle)
+    for effect in _with_quantities():
+        known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}
+        assert {q.instead_of for q in effect.shown.quantities} <= known
+        middle = dict.fromkeys(known, 0.5)
+        assert set(effect.said(quiet.context, middle)) >= {q.name for q in effect.shown.quantities}
+        assert all(math.isfinite(v) for v in effect.said(quiet.context, middle).values())
+        assert effect.said(nothing, middle)
+
+
+def _with_quantities() -> list[Effect]:
+    return [
+        e for e in some("wind", "payload", "slung_load", "vertical_inflow") if e.shown.quantities
+    ]
