@@ -132,16 +132,11 @@ class Library:
         by_width: dict[int, list[int]] = {}
         for i in numbers:
             by_width.setdefault(len(self.terms[i].columns), []).append(i)
-        groups = [
-            Alike(
-                same,
-                *(
-                    np.stack([getattr(self.terms[i], of) for i in same])
-                    for of in ("columns", "centre")
-                ),
-            )
-            for same in by_width.values()
-        ]
+        groups = []
+        for same in by_width.values():
+            columns = np.stack([self.terms[i].columns for i in same])
+            centre = np.stack([self.terms[i].centre for i in same])
+            groups.append(Alike(same, columns, centre))
         self._alike[key] = last, groups
         return groups
 

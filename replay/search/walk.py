@@ -33,7 +33,7 @@ WORTH_A_LOOK = -3.0
 EXCHANGE_LOSS = 60.0
 """An exchange that loses less than this (log) is grown by one more term: two may stand in place of one."""
 MOST_WORK, LONG_S = 9000.0, 600.0
-"""Work that a walk may do over flights of up to this time [s] together; over longer ones it grows with the time.
+"""Work that a walk may do over a log of up to this time [s]; over longer or several logs it grows with them.
 
 A core of 2023 does about 1100 a second, and ten seconds are what a user waits for. Of 160 real flights one needs more,
 and its answer is the same.
@@ -64,8 +64,10 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
 
 
 def allowed(records: Sequence[Record]) -> float:
-    """How much work a walk over these flights may do."""
-    return MOST_WORK * max(sum(r.seconds for r in records) / LONG_S, 1.0)
+    """How much work a walk over these flights may do: for every log, or for every ``LONG_S`` of flight."""
+    logs = len({r.path for r in records})
+    seconds = sum(r.seconds for r in records)
+    return MOST_WORK * max(logs, seconds / LONG_S)
 
 
 @dataclass
@@ -77,7 +79,7 @@ class Account:
     left_out: dict[str, None] = field(default_factory=dict)
 
     def lasts(self, share: float, otherwise: str) -> bool:
-        """Whether less than this share of the work is done; else it is kept what was left out."""
+        """Whether less than this share of the work is done; if not, ``otherwise`` is left out."""
         if self.evidence.work < share * self.most:
             return True
         self.left_out[otherwise] = None

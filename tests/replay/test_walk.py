@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 from made_up import biased, some
 
@@ -84,8 +87,10 @@ def test_nothing_is_left_out_of_an_ordinary_search() -> None:
     assert not any("left out" in note for note in answer.notes)
 
 
-def test_longer_flights_may_take_longer_in_proportion() -> None:
+def test_longer_flights_and_several_logs_may_take_longer_in_proportion() -> None:
     record = biased()
+    other = replace(record, path=Path("other.tlog"))
+    assert walk_module.allowed([record, other]) == 2.0 * MOST_WORK
     many = [record] * (1 + int(LONG_S / record.seconds))
     short = walk_module.allowed([record])
     assert short == MOST_WORK
