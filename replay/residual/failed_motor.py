@@ -168,7 +168,11 @@ def evidence_of(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
     form[:, 2] = np.hypot(form[:, 2], BENT * np.abs(declared[:, 2] - 1.0))
     doubt = np.hypot(form, late)
     # Beside a gap the slope of what is declared is unknown, too.
-    good = np.isfinite(measured).all(axis=1) & np.isfinite(declared).all(axis=1) & np.isfinite(doubt).all(axis=1)
+    good = (
+        np.isfinite(measured).all(axis=1)
+        & np.isfinite(declared).all(axis=1)
+        & np.isfinite(doubt).all(axis=1)
+    )
     return _Signals(
         time_s=grid.t[:: grid.every],
         step_s=step_s,
