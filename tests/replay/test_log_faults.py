@@ -224,7 +224,9 @@ KINDS = {
             g, 1, 7.0 * speeds(g, 1)), 2, 7.0 * speeds(g, 2)), 3, 7.0 * speeds(g, 3)), 4, 7.0 * speeds(g, 4)),
         "rpm_1", "m/s at the tip", (0, 1),
     ),
-    "exchanged rotor speeds": Fault(exchanged, "rpm_1", "ESC 1 output 3, ESC 2 output 2, ESC 3 output 1", FORCES),
+    "exchanged rotor speeds": Fault(
+        exchanged, "vehicle file", "fans 1 and 3 are exchanged", FORCES
+    ),
     "copies of one speed": Fault(copied, "rpm_1", "copies of one number", FORCES),
     "a rotor that the file lacks": Fault(five, "rpm_5", "knows no such rotor", (0, 1)),
     "slow rotor speeds": Fault(slow, "rpm_1", "comes at 2.8 Hz", FORCES),
