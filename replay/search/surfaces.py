@@ -8,6 +8,7 @@ says more than a map: the map is taken where ``TRUST log p(y | set, map) + log o
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -38,26 +39,21 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
     named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
     grid = np.array(effect.shape_grid(library.records[0].context))
 
-    def fit(shape: tuple[float, ...]) -> Fit:
-        return walked.evidence.fit([*named, library.term_of(effect, shape)], walked.evidence.quiet)
+    evidence = walked.evidence
+
+    @cache
+    def promise(shape: tuple[float, ...]) -> float:
+        term = library.term_of(effect, shape)
+        found = evidence.fit([*named, term], evidence.quiet)
+        evidence.forget(term)  # its many columns would stay in the way of all others
+        return found.promise
 
     shape = tuple(1.0 for _ in grid.T)
-    tried = {shape}
-    best = fit(shape)
     for _ in range(ROUNDS):
         for i, values in enumerate(grid.T):
-            for value in np.unique(values).tolist():
-                other = (*shape[:i], value, *shape[i + 1 :])
-                if other in tried:
-                    continue
-                tried.add(other)
-                new = fit(other)
-                if new.promise > best.promise:
-                    best = new
-                else:
-                    walked.evidence.forget(new.terms[-1])
-            shape = best.terms[-1].shape
-    return best
+            shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
+            shape = max(shapes, key=promise)
+    return evidence.fit([*named, library.term_of(effect, shape)], evidence.quiet)
 
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
