@@ -35,7 +35,7 @@ EXCHANGE_LOSS = 60.0
 MOST_WORK, LONG_S = 9000.0, 600.0
 """Work that a walk may do over a log of up to this time [s]; over longer or several logs it grows with them.
 
-A core of 2023 does about 1100 a second, and ten seconds are what a user waits for. Of 160 real flights one needs more,
+A core of 2023 does about 1100 a second, and ten seconds are what a user waits for. Of 115 real flights one needs more,
 and its answer is the same.
 """
 GROWING, SETTLING = 0.7, 0.9
