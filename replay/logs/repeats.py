@@ -73,4 +73,7 @@ def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np
     period_ms = (stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1)
     # Between a message and its repeat lie others, and the repeats of others.
     near = (repeat - first) * period_ms <= 2 * _LONGEST_MS
+    # A vehicle that starts again counts from the same stamps; that takes longer than a link delays.
+    apart_us = np.abs(log.arrival_us[index[repeat]] - log.arrival_us[index[first]])
+    near &= apart_us < _LONGEST_MS * 1000
     return np.asarray((index[repeat] - index[first])[near])

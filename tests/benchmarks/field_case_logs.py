@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from hover_flight import HEXA_X, MASS_KG, SECONDS, Flight, fly
+from hover_flight import EXPO, HEXA_X, MASS_KG, SECONDS, Flight, fly
 from log_writers import EPOCH_US, BinWriter, UlgWriter, frame, heartbeat, write_tlog
 
 from companion.mavlink.dialect import mavlink
@@ -515,7 +515,9 @@ def only_actuator_motors(path: Path) -> None:
         if name != "actuator_outputs":
             rows.append((t, name, values))
             continue
-        asked = [(v - 1000.0) / 1000.0 for v in values[1:5]]
+        outputs = [(v - 1000.0) / 1000.0 for v in values[1:5]]
+        # The allocation asks for thrust; the driver makes the output of it by THR_MDL_FAC.
+        asked = [(1.0 - EXPO) * u + EXPO * u * u for u in outputs]
         rows.append((t, "actuator_motors", (*asked, *[math.nan] * 8)))
     fields = {n: f for n, f in log.fields.items() if n != "actuator_outputs"}
     fields["actuator_motors"] = (("float[12]", "control"),)

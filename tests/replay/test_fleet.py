@@ -76,9 +76,8 @@ def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
     logs.mkdir()
     for name in ("a", "b"):
         write_tlog(logs / f"{name}.tlog", [m for m in flight(20.0) if cut(m[1], 0).id != 132])
-    assert (
-        main(["run", str(logs), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
-    )
+    out = ["--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]
+    assert main(["run", str(logs), "--vehicle", "tandem", *out]) == 0
     page = (tmp_path / "out" / "report.html").read_text()
     assert f"correct the main reason for no offset: {Reason.RANGE_MISSING.value}" in page
     assert page.count(f"{Reason.RANGE_MISSING.value}, 20 s") == 2

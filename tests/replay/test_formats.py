@@ -220,7 +220,8 @@ def px4(path, outputs, parameters, functions=()):
     w.subscribe()
     for k in range(100):
         w.row("vehicle_attitude", 20_000_000 + 20_000 * k, 1.0, 0.0, 0.0, 0.0)
-        for i, values in enumerate(outputs):
+        for i, sent in enumerate(outputs):
+            values = [(1.0 - 0.1 * (k % 2)) * value for value in sent]
             w.row(
                 f"actuator_outputs:{i}",
                 20_000_000 + 20_000 * k,

@@ -181,9 +181,7 @@ def test_a_known_mass_gives_newtons(quiet: Record) -> None:
 def test_no_interval_has_zero_width(quiet: Record) -> None:
     state = quiet.context.state
     volts = np.linspace(16.0, 14.0, len(quiet.time_s))
-    drained = replace(
-        quiet.context, state=replace(state, battery_voltage_v=volts), only_answers=False
-    )
+    drained = replace(quiet.context, state=replace(state, battery_voltage_v=volts), commanded=1.0)
     record = replace(quiet, context=drained)
     lively = added(record, "battery_sag", (16.0,), 2.0)
     lively = added(lively, "fan_imbalance", (1.0,), -0.15)
@@ -210,7 +208,7 @@ def test_a_dead_time_that_was_refined_in_one_row_has_the_width_of_its_grid(quiet
     changed = replace(
         state, rpm=state.rpm * np.sqrt(more), specific_force=state.specific_force * more
     )
-    context = replace(quiet.context, state=changed, only_answers=False)
+    context = replace(quiet.context, state=changed, commanded=1.0)
     late = added(replace(quiet, context=context), "motor_lag", (0.06, 0.04), 1.0)
     answer = conclude([late], effects=some("motor_lag"))
     for name in ("dead_s", "tau_s"):

@@ -72,7 +72,8 @@ def test_what_is_to_be_mended_is_no_take_off(tmp_path: Path) -> None:
     standing = flight(30.0, armed=False)
     flying = flight(20.0, start_ms=70_000, arrival_us=EPOCH_US + 30_000_000)
     write_tlog(tmp_path / "a.tlog", [m for m in [*standing, *flying] if cut(m[1], 0).id != 132])
-    assert main(["run", str(tmp_path / "a.tlog"), "--report", str(tmp_path), "--quiet"]) == 0
+    log = str(tmp_path / "a.tlog")
+    assert main(["run", log, "--vehicle", "tandem", "--report", str(tmp_path), "--quiet"]) == 0
     html = (tmp_path / "report.html").read_text()
     assert f"Next: correct the main reason for no offset ({Reason.RANGE_MISSING.value}" in html
     assert f"longest ({Reason.NOT_ARMED.value}" not in html
