@@ -35,6 +35,8 @@ APART_S = 0.5
 
 IMPOSSIBLE = 1e-30
 """Probability of what is as good as impossible: its logarithm is a number."""
+LEAST_COMMANDED = 0.01
+"""Probability that the thrust was commanded, below which nothing that hangs on it is asked: odds of 1 to 100."""
 LEAST_LOAD = 0.2
 """Share of its mass that every vehicle lifts besides: without that much thrust to spare it would not be flown."""
 
@@ -346,6 +348,17 @@ Grid = Callable[[Context], Sequence[tuple[float, ...]]]
 
 def always(_: Context) -> str | None:
     """``lacking`` of effects that need nothing besides rotors and IMU."""
+    return None
+
+
+def where_commanded(ctx: Context) -> str | None:
+    """``lacking`` of effects that show in commanded changes of the thrust only.
+
+    A response to a disturbance looks like such an effect however much data there is. So the odds of the effect are
+    never better than those of the command.
+    """
+    if ctx.commanded < LEAST_COMMANDED:
+        return "the thrust changed only in response to disturbances"
     return None
 
 

@@ -10,7 +10,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, Coefficient, Context, Effect, Shape, Shown, through
+from models.effects.effect import (
+    NOT_FLOWN,
+    Coefficient,
+    Context,
+    Effect,
+    Shape,
+    Shown,
+    through,
+    where_commanded,
+)
 from models.frames import Array
 
 LAG_DOUBT_S = 0.035
@@ -52,6 +61,7 @@ EFFECT = Effect(
     wrenches=_wrenches,
     shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
     grid=_grid,
+    lacking=where_commanded,
     chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.04, 0.2)),
     searched=("Fz",),
     in_flight=NOT_FLOWN,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, Shown
+from models.effects.effect import Coefficient, Context, Effect, Shown, where_commanded
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -50,6 +50,7 @@ EFFECT = Effect(
         Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),
+    lacking=where_commanded,
     chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.02, 0.3)),
     wrenches=_wrenches,
     aliases=("thrust_scale", "battery_sag"),

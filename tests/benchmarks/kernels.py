@@ -115,12 +115,16 @@ def _compared(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[st
     for a, b in zip(one["effects"], other["effects"], strict=True):
         for key, p in a.get("parameters", {}).items():
             q = b.get("parameters", {}).get(key)
-            if q is None or abs(p["value"] - q["value"]) > _tolerance(p):
+            # What is not determined has no value.
+            undetermined = q is not None and p["value"] is None and q["value"] is None
+            if undetermined:
+                continue
+            if q is None or None in (p["value"], q["value"]) or _apart(p, q):
                 what = f"{a['name']}.{key}"
                 out.append(
                     (
-                        f"{what} {p['value']:.6g}",
-                        f"{what} {q['value']:.6g}" if q else f"{what} is missing",
+                        f"{what} {p['value']}",
+                        f"{what} {q['value']}" if q else f"{what} is missing",
                     )
                 )
     return out
@@ -133,6 +137,10 @@ def _said(answer: Mapping[str, Any]) -> str:
     return f"{answer['verdict']}: {names or 'no name'}" + (
         f" (aliases {aliases})" if aliases else ""
     )
+
+
+def _apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    return bool(abs(one["value"] - other["value"]) > _tolerance(one))
 
 
 def _tolerance(parameter: Mapping[str, Any]) -> float:

@@ -126,5 +126,5 @@ def test_a_ulg_whose_last_length_points_beyond_its_end_is_refused_and_read_no_lo
     path.write_bytes(
         sound.head + b"".join(formats) + 320 * long + struct.pack("<HB", 60_000, 1) + bytes(10)
     )
-    with pytest.raises(LogError, match="leads in circles"):
+    with pytest.raises(LogError, match="holds no vehicle_attitude"):
         load(path)

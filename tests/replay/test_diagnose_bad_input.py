@@ -183,8 +183,8 @@ def test_of_two_vehicles_that_fly_the_option_to_choose_is_named(ask):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.7, 1.3])
-def test_a_mass_that_is_off_by_30_percent_is_found_as_thrust_to_mass(ask, factor):
+@pytest.mark.parametrize("factor", [0.8, 1.3])
+def test_a_mass_that_is_off_is_found_as_thrust_to_mass(ask, factor):
     told = ask({"a.tlog": quad_flight(mass_kg=factor * 3.0)})
     assert (told.code, told.answer["verdict"]) == (0, "explained")
     assert told.names <= THRUST_TO_MASS

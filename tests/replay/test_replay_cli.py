@@ -212,7 +212,7 @@ def test_the_start_of_every_recorded_flight_runs(shared_data, tmp_path, capsys):
         cut = tmp_path / path.name
         cut.write_bytes(path.read_bytes()[:60_000])
         cut.write_bytes(path.read_bytes()[: int(read_tlog(cut).start[-1]) + 5])
-        assert main(["run", str(cut), "--json", "-"]) == 0, path
+        assert main(["run", str(cut), "--vehicle", "tandem", "--json", "-"]) == 0, path
         report = json.loads(capsys.readouterr().out)
         assert report["decisions"] > 5, path
         assert any("cut off" in note for note in report["notes"])
