@@ -135,9 +135,6 @@ def summarise(walked: Walked) -> Searched:
     others = aliases(bare)
     mapped = with_surface_law(bare)
     walked, fits, without = _acting(mapped)
-    if mapped is not bare and _worse_axes(fits):
-        # Where the map and its laws are at fault, the laws alone are judged axis by axis.
-        walked, fits, without = _acting(bare)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     names = dict.fromkeys(t.name for t in chosen)
     found = _at_most_all(
