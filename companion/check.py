@@ -37,11 +37,11 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Sample
 from companion.mavlink.wire_frames import V2, Counts, Frame, cut, walk
 from companion.pipeline import initial_state, step
-from models.errors import LogError
-from models.frames import GRAVITY
-from models.lift_ratio import IN_HOVER
+from models.common.errors import LogError
+from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder
-from models.vehicle_plausibility import warnings
+from models.vehicle.lift_ratio import IN_HOVER
+from models.vehicle.plausibility import warnings
 
 LISTEN_S = 10.0
 """Long enough for a heartbeat and a parameter's answer several times over."""

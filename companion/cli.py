@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
-from models.arguments import Parser, VersionAction, speaks
-from models.errors import ConfigError, LinkError, UserError
-from models.text_file import write_json
+from models.common.arguments import Parser, VersionAction, speaks
+from models.common.errors import ConfigError, LinkError, UserError
+from models.common.text_file import write_json
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
@@ -211,7 +211,7 @@ def _fly(a: argparse.Namespace) -> int:
     from companion.mavlink.tlog_writer import Recorder
     from companion.page.feed import PageFeed, read_address
     from companion.watchdog import Watchdog
-    from models.vehicle_plausibility import warnings
+    from models.vehicle.plausibility import warnings
 
     config, note = _config(a)
     notes = [note, *(f"{a.vehicle}: {warning}" for warning in warnings(config.vehicle))]

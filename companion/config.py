@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from companion.adapt_options import Adapt
 from companion.survey_box import SurveyBox
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 

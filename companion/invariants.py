@@ -31,9 +31,9 @@ from companion.mavlink.setpoints import (
 )
 from companion.mavlink.wire_frames import Frame, unpacked
 from companion.pipeline import MAX_THRUST, MIN_THRUST
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
-from models.vehicle_types import NO_ORIENTATION
+from models.vehicle.vehicle import NO_ORIENTATION
 
 _COMMAND_LONG, _SET_MESSAGE_INTERVAL, _NAMED_VALUE_FLOAT = 76, 511, 251
 """MAVLink numbers: a message, the one command in it that is sent, and a message."""

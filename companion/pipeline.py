@@ -69,8 +69,8 @@ from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
-from models.frames import GRAVITY, quaternion_from_euler
-from models.frozen_copy import replace
+from models.common.frames import GRAVITY, quaternion_from_euler
+from models.common.frozen_copy import replace
 from models.vehicle import Vector3
 
 _DISTURBANCE_PERIOD_S = 0.03

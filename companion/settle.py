@@ -14,7 +14,7 @@ from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 
 _TUNE_PERIOD_S = 1.0
 """A plant does not change faster, and choosing gains takes milliseconds where it is new."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 NEAR_M = 0.10
 """No box may ask for less height or wall distance than this."""

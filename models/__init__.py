@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.lazy_exports import exports
+from models.common.lazy_exports import exports
 
 if TYPE_CHECKING:
     from models.surrogate.store import load, save_model

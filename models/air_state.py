@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from models.frames import GRAVITY, Array
+from models.common.frames import GRAVITY, Array
 
 DIRECTIONS = ("down", "up", "forward", "right", "back", "left")
 

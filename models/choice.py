@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_identity import contradictions
 from models.surrogate.fan_surrogate import FanSurrogate

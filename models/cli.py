@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.arguments import Parser, VersionAction, run_command, speaks
 from models.cfd import cli as cfd
-from models.errors import ConfigError
-from models.text_file import make_folder, write_json
+from models.common.arguments import Parser, VersionAction, run_command, speaks
+from models.common.errors import ConfigError
+from models.common.text_file import make_folder, write_json
 
 # Spelled out here so that --help need not import the trainers.
 METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp", "kriging", "polynomial", "ensemble")
@@ -121,8 +121,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _train(args: argparse.Namespace) -> Mapping[str, Any]:
+    from models.common.progress import Bars
     from models.dataset import half
-    from models.progress import Bars
     from models.surrogate import store
     from models.training.train import train
 
@@ -162,7 +162,7 @@ def _r2(score: Mapping[str, Any]) -> str:
 
 
 def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
-    from models.progress import Bars
+    from models.common.progress import Bars
     from models.training.compare import compare, text, write_page
 
     data, _ = _data(args.data, args.sigma)
@@ -192,7 +192,7 @@ def _query(args: argparse.Namespace) -> Mapping[str, Any]:
         value = getattr(args, name)
         if math.isnan(value) or value < 0.0 or (name == "rpm" and math.isinf(value)):
             raise ConfigError(f"--{name} {value:g}: must be a number of at least 0")
-    from models.frames import AXES
+    from models.common.frames import AXES
     from models.surrogate.store import load
 
     directory = args.directory or args.model

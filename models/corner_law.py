@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.common.frames import GRAVITY, Array
 from models.dataset import DataSet
-from models.frames import GRAVITY, Array
 
 FIDELITY = {"level": 0, "label": "closed form, not CFD"}
 

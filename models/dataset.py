@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import ModelError
-from models.frames import AXES, Array
-from models.text_file import read_text
+from models.common.errors import ModelError
+from models.common.frames import AXES, Array
+from models.common.text_file import read_text
 
 COLUMNS = ("h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 HEADER = ",".join(COLUMNS)

@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 
 _LENGTH = 0.5
 """Correlation length of the prior, in logarithms: a factor of 1.65 in distance."""

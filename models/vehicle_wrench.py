@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.air_state import AirState
-from models.errors import ConfigError
-from models.frames import GRAVITY, Array, at_cg, corner_to_body
+from models.common.errors import ConfigError
+from models.common.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Fan, Vehicle
 
 RPM_TO_RAD_S = 2.0 * np.pi / 60.0

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.lazy_exports import exports
+from models.common.lazy_exports import exports
 
 if TYPE_CHECKING:
     from replay.diagnosis.answer import Diagnosis

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from companion.vehicles import vehicle_path
-from models.errors import LogError
+from models.common.errors import LogError
 
 if TYPE_CHECKING:
     from companion.invariants import Audit
@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from models.text_file import write_json
+    from models.common.text_file import write_json
     from models.vehicle import load_vehicle
 
     vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from models.arguments import Parser, VersionAction, run_command
-from models.errors import ConfigError, LogError
+from models.common.arguments import Parser, VersionAction, run_command
+from models.common.errors import ConfigError, LogError
 from replay.pipeline_options import (
     EXIT_CODES,
     add_answer_options,

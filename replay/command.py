@@ -13,12 +13,12 @@ from typing import Any
 from tqdm import tqdm
 
 from companion.vehicles import chosen_vehicle
-from models.arguments import speaks
 from models.choice import NONE, Choice, choose
-from models.errors import ConfigError, LogError
-from models.pages.document import write_document
+from models.common.arguments import speaks
+from models.common.errors import ConfigError, LogError
+from models.common.pages.document import write_document
+from models.common.text_file import write_json
 from models.surrogate.store import load
-from models.text_file import write_json
 from models.vehicle import Vehicle
 from replay.source_options import source_settings
 from replay.vehicle.draft import INCH_M, Draft, Given, draft

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Ring
 from models.air_state import DIRECTIONS
-from models.frames import Array
+from models.common.frames import Array
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
 """MAV_SENSOR_ORIENTATION of each body axis."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from companion.adapt_options import Adapt, read_adapt
 from companion.vehicles import vehicle_path
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
@@ -97,7 +97,7 @@ def pipeline_config(
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
     from companion.survey_box import read_box
-    from models.vehicle_plausibility import warnings
+    from models.vehicle.plausibility import warnings
 
     vehicle, chosen = flown
     config = PipelineConfig(

@@ -6,7 +6,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from models.pages.document import PAGE_STYLE
+from models.common.pages.document import PAGE_STYLE
 
 _PAGES = Environment(
     loader=PackageLoader("replay"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 
 def add_source_option(p: argparse.ArgumentParser) -> None:

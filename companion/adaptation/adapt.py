@@ -40,8 +40,8 @@ from companion.adaptation.sizes import (
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
-from models.frames import GRAVITY, Array, Rows
-from models.frozen_copy import replace
+from models.common.frames import GRAVITY, Array, Rows
+from models.common.frozen_copy import replace
 from models.vehicle import Vehicle
 
 BLOCK_S = 0.2

@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.adaptation.near_map import NOTHING, NearField
 from companion.estimation.disturbance import FanPlaces, about_cg
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vehicle
 
 MOST = 1.5

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.adaptation import sizes as at
 from companion.adaptation.sizes import Size, Sizes
-from models.frames import Array
+from models.common.frames import Array
 
 Flags = NDArray[np.bool_]
 

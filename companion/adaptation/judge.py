@@ -21,7 +21,7 @@ from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
 from companion.adaptation.sizes import Size
 from companion.estimation.disturbance import FanPlaces
-from models.frames import Array
+from models.common.frames import Array
 
 _ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
 _AXES = ((2,), (0, 1), (3, 4))

@@ -1,8 +1,8 @@
 """Measured minus modelled wrench of one block of flight, and what each size would add to it.
 
-The formulas are those of diagnosis (``models.frames.wrench_of_motion``, ``models.vehicle_wrench.vane_wrench``, the
-surrogate); the one filter that both sides go through is here a mean over the block in place of a Gaussian over the
-record, and the delay of rotor speeds is a lag of the accelerometer.
+The formulas are those of diagnosis (``models.common.frames.wrench_of_motion``, the surrogate,
+``models.vehicle_wrench.vane_wrench``); the one filter that both sides go through is here a mean over the block in place
+of a Gaussian over the record, and the delay of rotor speeds is a lag of the accelerometer.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from companion.adaptation import sizes as at
 from companion.estimation.disturbance import Parts, about_cg
 from companion.mavlink.samples import Imu
-from models.frames import Array, Rows, at_cg, wrench_of_motion
+from models.common.frames import Array, Rows, at_cg, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vector3, Vehicle
 
 IMU_LAG_S = 0.03

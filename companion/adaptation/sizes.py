@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import get
-from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.control.plant import AttitudeLoop, Source
-from models.frames import Array
+from models.common.frames import Array
 
 _TAUS = np.array([0.03, 0.045, 0.065, 0.09, 0.12, 0.16, 0.22, 0.30])
 _DELAYS = np.array([0.02, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34])

@@ -13,7 +13,7 @@ from companion.config import PipelineConfig
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.vectors import clipped, lagged, scaled
 from companion.mavlink.firmware import ThrustMap
-from models.frames import GRAVITY, Rows
+from models.common.frames import GRAVITY, Rows
 from models.vehicle import Vehicle
 
 _MOMENT_STIFFNESS_1_S2 = 180.0

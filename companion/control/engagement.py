@@ -12,7 +12,7 @@ from companion.control.reasons import Reason
 from companion.estimation.vectors import lagged
 from companion.mavlink.firmware import Stack, stack_of
 from companion.mavlink.samples import Heartbeat
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 from models.vehicle import Vector3
 
 _SETTLED_CLIMB_M_S, _SETTLED_S = 0.25, 1.0

@@ -9,7 +9,7 @@ from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.reasons import Reason
 from companion.mavlink.firmware import ThrustMap
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 from models.vehicle import Vector3
 
 NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})

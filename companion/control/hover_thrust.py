@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 
 _MEAN_S = 2.0
 """Time constant of the average."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.mavlink.firmware import Stack
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 
 Frequencies = NDArray[np.complexfloating[Any, Any]]
 """A complex quantity over frequency, shape (n,)."""

@@ -23,8 +23,8 @@ from companion.control.position_target import (
 from companion.control.wall_guard import WallAhead
 from companion.estimation.vectors import clipped, lagged, minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
-from models.frames import GRAVITY
-from models.frozen_copy import replace
+from models.common.frames import GRAVITY
+from models.common.frozen_copy import replace
 from models.vehicle import Limits, Vector3
 
 _MOST_LEVEL_M_S2 = GRAVITY * math.tan(math.radians(15.0))

@@ -15,10 +15,10 @@ from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlac
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from companion.estimation.vectors import plus, turned
 from models.air_state import AirState
+from models.common.frames import Array, Rows
+from models.common.frozen_copy import replace
 from models.effects import Context, adopted_wrench, corrected_state
 from models.effects.effect import AdoptedEffect
-from models.frames import Array, Rows
-from models.frozen_copy import replace
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now

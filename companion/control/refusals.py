@@ -22,8 +22,8 @@ from companion.mavlink.firmware import (
     thrust_meaning,
 )
 from companion.mavlink.samples import Heartbeat
-from models.lift_ratio import IN_FLIGHT
 from models.surrogate.empty import is_empty
+from models.vehicle.lift_ratio import IN_FLIGHT
 
 _ABOUT_RANGES = {
     Seen.MISSING: Reason.RANGE_MISSING,

@@ -17,8 +17,8 @@ import numpy as np
 
 from companion.mavlink.samples import LocalPosition, SetPositionTarget
 from companion.survey_box import TRAVEL_M, SurveyBox
-from models.frames import Array
-from models.frozen_copy import replace
+from models.common.frames import Array
+from models.common.frozen_copy import replace
 
 SPEED_M_S = 0.15
 """Mean speed of a move: the vehicle's own drag stays below what ground and wall do."""

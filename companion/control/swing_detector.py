@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 from models.vehicle import Vector3
 
 _MEAN_S = 3.0

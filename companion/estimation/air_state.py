@@ -12,7 +12,7 @@ from companion.config import PipelineConfig
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, lips_to_wall, walls
 from companion.estimation.range_geometry import fan_ceilings
 from models.air_state import AirState, blank_state
-from models.frames import GRAVITY, LEVEL, Array
+from models.common.frames import GRAVITY, LEVEL, Array
 
 
 def air_state(

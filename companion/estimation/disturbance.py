@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.estimation.estimator import Surface
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vehicle
 
 THRUST_LEAD_S = 0.06
@@ -66,7 +66,7 @@ def about_cg(
     """Lift, pull and tilt (3, 6), body FRD about the CG, of wrenches at the fans (fans, 6), corner frame.
 
     Vertical forces make the lift, level ones the pull; both act at their fans, so their moments belong to them. As
-    ``models.frames.corner_to_body`` and ``at_cg`` have it for arrays.
+    ``models.common.frames.corner_to_body`` and ``at_cg`` have it for arrays.
     """
     c = math.cos(bearing_rad)
     s = math.sin(bearing_rad)

@@ -45,8 +45,8 @@ from companion.mavlink.samples import (
     RotorSpeeds,
     ServoOutput,
 )
-from models.frames import Rows, rotation_rows
-from models.frozen_copy import replace
+from models.common.frames import Rows, rotation_rows
+from models.common.frozen_copy import replace
 from models.vehicle import Vector3, Vehicle
 from models.vehicle_wrench import rpm_from_servos
 

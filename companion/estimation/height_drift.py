@@ -19,7 +19,7 @@ from typing import NamedTuple
 from companion.estimation.estimator import Seen, Surface
 from companion.estimation.range_doubt import GROUND_USED_M
 from companion.mavlink.samples import LocalPosition
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 
 LOW_M = GROUND_USED_M
 """Higher than this nothing is compared: a beam spreads, and the ground is far."""

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.frames import Array, Rows
+from models.common.frames import Array, Rows
 from models.vehicle import Vector3, Vehicle
 
 MAX_INCIDENCE_RAD = math.radians(30.0)

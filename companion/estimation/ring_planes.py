@@ -22,7 +22,7 @@ from companion.estimation.range_geometry import (
 )
 from companion.estimation.vectors import plus, scaled, turned
 from companion.mavlink.samples import Ring
-from models.frames import Rows
+from models.common.frames import Rows
 from models.vehicle import Vector3, Vehicle
 
 _WINDOWS_RAD = (

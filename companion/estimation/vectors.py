@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from models.frames import Rows
+from models.common.frames import Rows
 from models.vehicle import Vector3
 
 Level = tuple[float, float]

@@ -16,7 +16,7 @@ from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.signing import Signatures
 from companion.mavlink.wire_frames import Frame, FrameReader, pack
-from models.errors import ConfigError, LinkError
+from models.common.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp")
 _SYSTEM_UNKNOWN = 1

@@ -11,7 +11,7 @@ from companion.mavlink import samples
 from companion.mavlink.range_beams import DOWN, beam_direction, range_verdict
 from companion.mavlink.samples import Quaternion
 from companion.mavlink.wire_layout import NAN, Head, finite, unit_quaternion
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 from models.vehicle import Vector3
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 _STAMP = struct.Struct(">Q")
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from companion.mavlink.boot_clock import Stamp
 from companion.mavlink.dialect import ID_OF, MESSAGES
 from companion.mavlink.samples import Quaternion, Sample
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 
 NAN = math.nan
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from companion.last_word import end
-from models.errors import ConfigError, LinkError
+from models.common.errors import ConfigError, LinkError
 
 PERIOD_S = 0.2
 """A browser asks as often."""

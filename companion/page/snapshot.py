@@ -15,7 +15,7 @@ from companion.estimation.estimator import Surface
 from companion.mavlink.firmware import mode_name
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.stream_rates import StreamKeeper
-from models.frames import Rows
+from models.common.frames import Rows
 
 
 def snapshot(

@@ -28,8 +28,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.common.frames import Array
 from models.corner_law import ClosedForm
-from models.frames import Array
 
 RPM_HOVER = 4000.0
 """Rotor speed at which the paper's vehicle hovers."""

@@ -15,7 +15,7 @@ from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput
 from companion.sim.fan_wrench import Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Vehicle
 
 

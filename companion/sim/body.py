@@ -34,7 +34,7 @@ from companion.sim.fan_wrench import (
     unsteady_wrench,
     wrench_of,
 )
-from models.frames import GRAVITY, rotation_rows
+from models.common.frames import GRAVITY, rotation_rows
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 DT = 0.0025

@@ -31,7 +31,7 @@ from companion.sim.sensors import Estimator
 from companion.sim.world import default_model, law_of
 from companion.vehicles import chosen_vehicle
 from models.choice import Choice, choose_to_fly
-from models.text_file import write_json
+from models.common.text_file import write_json
 from models.vehicle import Vehicle
 
 APPROACHES = 3

@@ -9,8 +9,8 @@ import numpy as np
 
 from companion.sim.compare_report import LegComparison
 from companion.sim.flown import PHASES, UNITS, Flown, Leg
-from models.errors import ConfigError
-from models.pages.svg import Band, Line, picture
+from models.common.errors import ConfigError
+from models.common.pages.svg import Band, Line, picture
 
 _KINDS = {Leg.AUTOPILOT: "d", Leg.OFF: "before", Leg.ON: "after", Leg.ADAPTED: "fit"}
 """Legs that are drawn, and their colours."""

@@ -11,7 +11,7 @@ from companion.sim.body import Body
 from companion.sim.scenario import Scenario, ScriptPoint
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor, ring_beams
 from companion.sim.world import law_of
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Vehicle
 
 HOVER_PARAM_SHARE = 0.89

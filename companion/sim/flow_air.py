@@ -14,10 +14,10 @@ from importlib.util import find_spec
 import numpy as np
 
 from companion.sim.air import NOMINAL, PAPER_CQ, PAPER_CT, RPM_HOVER, Increments
+from models.common.errors import ConfigError
+from models.common.frames import Array
 from models.corner_law import ClosedForm
 from models.dataset import DataSet, half, read
-from models.errors import ConfigError
-from models.frames import Array
 
 AIR_HALF = "even"
 FREE_RADII = 7.0

@@ -17,8 +17,8 @@ from companion.sim.body import DT
 from companion.sim.flight import SimulatedFlight
 from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import ScriptedPilot
-from models.errors import LinkError
-from models.frames import Array
+from models.common.errors import LinkError
+from models.common.frames import Array
 
 SETTLE_S = (2.0, 5.5)
 """Script time over which each flight's own position error is taken out: the EKF's offset is nobody's merit."""

@@ -13,7 +13,7 @@ from companion.sim.autopilot import AttitudeDemand, Mode, PositionTarget
 from companion.sim.body import euler
 from companion.sim.flight import SimulatedFlight
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 
 SYSTEM = 1
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1

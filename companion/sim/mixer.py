@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.sim.body import ARDUPILOT_MOTOR, VANE_LIMIT_RAD, MotorOutput, pulses
-from models.errors import ConfigError
-from models.frames import GRAVITY, Array
+from models.common.errors import ConfigError
+from models.common.frames import GRAVITY, Array
 from models.vehicle import Vehicle
 
 SPIN_ARM = 0.10

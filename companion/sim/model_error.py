@@ -10,8 +10,8 @@ import numpy as np
 from companion.sim.air import CORNER_PLACES, RPM_HOVER, LawError, SurfaceLaw
 from companion.sim.scenario import wall_azimuth
 from models.air_state import AirState, blank_state
+from models.common.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.effects import Context, adopted_wrench, corrected_state
-from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import disturbance_wrench

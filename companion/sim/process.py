@@ -16,7 +16,7 @@ from companion.sim.body import DT
 from companion.sim.flight import SimulatedFlight
 from companion.sim.link import VehicleLink
 from companion.sim.pilot import ScriptedPilot
-from models.errors import LinkError
+from models.common.errors import LinkError
 
 BEHIND_S = 0.05
 """Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""

@@ -10,7 +10,7 @@ from itertools import pairwise
 from companion.sim.body import Surroundings
 from companion.sim.fan_wrench import Vec
 from companion.sim.sensors import BEAM_DIRECTIONS
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from models.vehicle import Vehicle
 
 START_HEIGHT_M = 1.2

@@ -12,7 +12,7 @@ from enum import Enum
 from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, euler, turned
 from companion.sim.fan_wrench import Vec
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0

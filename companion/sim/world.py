@@ -5,7 +5,7 @@ from __future__ import annotations
 from companion.sim.air import SurfaceLaw, disturbed
 from companion.sim.flow_air import flow_air, require_scipy
 from companion.sim.scenario import NAMES
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 FLOW = "corner_cfd"
 """The corner in the air of the flow simulation, the same for every seed; all others have a law drawn by the seed."""

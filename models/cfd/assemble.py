@@ -19,9 +19,9 @@ from models.cfd.fidelity import TINY, Correction, learn
 from models.cfd.labels import ODD, TILT, Label, added, full_kind, labels
 from models.cfd.position import FREE, Place
 from models.cfd.table import six
+from models.common.errors import ModelError
+from models.common.frames import Array
 from models.dataset import COLUMNS
-from models.errors import ModelError
-from models.frames import Array
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.frames import Array
+from models.common.frames import Array
 
 Point = tuple[float, float, float]
 

@@ -15,7 +15,7 @@ from models.cfd.case_run import Result, Row, compute, iteration_limit
 from models.cfd.config import Setup
 from models.cfd.polars import Section
 from models.cfd.position import Position, check, near
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 RESULT = "result.csv"
 FAN = "fan.json"

@@ -14,7 +14,7 @@ from models.cfd import case, foam
 from models.cfd.config import Setup
 from models.cfd.polars import Blades
 from models.cfd.position import FREE, Position, check
-from models.frames import Array
+from models.common.frames import Array
 
 STATE = "state.npz"
 # What the state holds beside the samples.

@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from models.arguments import speaks
-from models.errors import ConfigError
+from models.common.arguments import speaks
+from models.common.errors import ConfigError
 
 SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
 
@@ -67,7 +67,7 @@ def add(commands: Any, every: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> Any:
     from models.cfd import campaign, config, foam, polars
-    from models.progress import Bars
+    from models.common.progress import Bars
 
     if args.jobs < 1:
         raise ConfigError(f"--jobs {args.jobs}: must be at least 1")

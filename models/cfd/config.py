@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from models.errors import ConfigError
-from models.text_file import read_text
-from models.toml_table import Bounds, Table, above
+from models.common.errors import ConfigError
+from models.common.text_file import read_text
+from models.common.toml_table import Bounds, Table, above
 
 _Positive = Annotated[float, above(0.0)]
 _Distances = Annotated[tuple[float, ...], Bounds(0.0, above=True, finite=False)]

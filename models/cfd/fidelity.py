@@ -20,7 +20,7 @@ import numpy as np
 
 from models.cfd.labels import TILT, Label, added
 from models.cfd.position import FREE, Place, near
-from models.frames import Array
+from models.common.frames import Array
 
 # What is chosen from: lengths in the coordinates 1 / (0.5 + distance); powers of 1 / (0.5 + h) with which the prior's
 # standard deviation fades; variances of noise over that of the prior at h = 1 R.

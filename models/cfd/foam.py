@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from models.errors import ConfigError, UserError
-from models.frames import Array
+from models.common.errors import ConfigError, UserError
+from models.common.frames import Array
 
 PACKAGE = "openfoam"
 PROGRAMS = (

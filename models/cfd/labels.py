@@ -17,7 +17,7 @@ import numpy as np
 
 from models.cfd.case_run import Result, Row
 from models.cfd.position import FREE, Place, Position, near
-from models.frames import Array
+from models.common.frames import Array
 
 # By the mirror plane through axis and wall normal, without swirl.
 ODD = np.array([False, True, False, True, False, True])

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from models.cfd.config import Setup
 from models.cfd.position import Position
-from models.frames import Array
+from models.common.frames import Array
 
 UPPER_ROW, LOWER_ROW = 4, 2
 """Rows of cells (counted from the ground) that are the rotor discs."""

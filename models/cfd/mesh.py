@@ -24,7 +24,7 @@ from models.cfd.meridian import (
     growing,
 )
 from models.cfd.position import Position
-from models.frames import Array
+from models.common.frames import Array
 
 # A wall closer to the box than this (over R) becomes the box's side: a thinner strip would have flat cells.
 BOX_MERGE = 0.6

@@ -18,8 +18,8 @@ from functools import cache
 import numpy as np
 
 from models.cfd.config import Setup
-from models.errors import ConfigError
-from models.frames import Array
+from models.common.errors import ConfigError
+from models.common.frames import Array
 
 Section = Callable[[Array, float], tuple[Array, Array]]
 """Angle of attack [deg] (n,) and Reynolds number -> Cl (n,), Cd (n,)."""

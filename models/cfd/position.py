@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.cfd.config import Setup
-from models.errors import ConfigError
-from models.frames import Array
+from models.common.errors import ConfigError
+from models.common.frames import Array
 
 # Cells need room: a gap below this share of R cannot be meshed with these counts.
 LEAST_GAP = 0.1

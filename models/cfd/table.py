@@ -10,9 +10,9 @@ from pathlib import Path
 
 from models.cfd.case_run import Result, Row
 from models.cfd.position import MODELS, Position
-from models.errors import ModelError
-from models.frames import AXES
-from models.text_file import read_text, write_text
+from models.common.errors import ModelError
+from models.common.frames import AXES
+from models.common.text_file import read_text, write_text
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 

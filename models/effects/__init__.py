@@ -11,6 +11,8 @@ from pkgutil import iter_modules
 import numpy as np
 
 from models.air_state import AirState
+from models.common.errors import ModelError
+from models.common.frames import AXES, Array
 from models.effects.effect import (
     AdoptedEffect,
     BelongsTo,
@@ -20,8 +22,6 @@ from models.effects.effect import (
     FlightUse,
     InFlight,
 )
-from models.errors import ModelError
-from models.frames import AXES, Array
 
 __all__ = [
     "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "FlightUse", "InFlight", "adopted",

@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
 from models.effects.pictures import more, nearest, over
-from models.frames import Array
 
 ANSWERED = 0.003
 """Standard deviation of ``ohmic`` where the thrust only answers disturbances."""

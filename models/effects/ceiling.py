@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import (
     BelongsTo,
     Coefficient,
@@ -21,7 +22,6 @@ from models.effects.effect import (
     where_seen,
 )
 from models.effects.pictures import fan_mean, more, nearest, over
-from models.frames import Array
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import over_thrust
-from models.frames import Array
 from models.vehicle_wrench import vane_wrench
 
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay
 from models.effects.pictures import nearest, over_surfaces, percent
-from models.frames import Array
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:

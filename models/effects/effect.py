@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.air_state import AirState
-from models.frames import GRAVITY, Array, at_cg, corner_to_body
+from models.common.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import (
     FanModel,

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import more, over_thrust
-from models.frames import Array
 from models.vehicle_wrench import fan_torques, vane_wrench
 
 

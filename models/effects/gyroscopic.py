@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import NOT_FLOWN, Coefficient, Context, Drawn, Effect, Shape, Shown
 from models.effects.pictures import mean, over
-from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 

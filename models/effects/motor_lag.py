@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import (
     NOT_FLOWN,
     Coefficient,
@@ -20,7 +21,6 @@ from models.effects.effect import (
     through,
     where_commanded,
 )
-from models.frames import Array
 
 LAG_DOUBT_S = 0.035
 

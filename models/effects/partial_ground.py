@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown, decay
 from models.effects.pictures import over_height
-from models.frames import Array
 from models.surface_map import COMPONENTS
 from models.vehicle_wrench import fan_rpm
 

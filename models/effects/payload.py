@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Quantity, Shape, Shown
 from models.effects.pictures import percent
-from models.frames import Array
 
 MISSING = 0.25
 """Share of the mass that may be missing: a smaller pack and no camera. Some pack, a quarter of most, is on board."""

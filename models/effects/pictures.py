@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.common.frames import AXES, Array
 from models.effects.effect import Context, Drawn
-from models.frames import AXES, Array
 
 _WORDS = {
     "Fx": "extra force forward [N]", "Fy": "extra force to the right [N]", "Fz": "extra lift [N]",

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.air_state import AirState
+from models.common.frames import Array
 from models.effects.effect import (
     BelongsTo,
     Coefficient,
@@ -23,7 +24,6 @@ from models.effects.effect import (
     Shown,
 )
 from models.effects.pictures import over_height
-from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import force_words, mean, over_speed
-from models.frames import Array
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import GRAVITY, Array
 from models.effects.effect import (
     NOT_FLOWN,
     BelongsTo,
@@ -22,7 +23,6 @@ from models.effects.effect import (
     through,
 )  # fmt: skip
 from models.effects.pictures import mass_words
-from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
 DIED_DOWN = 2.0

@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, FlightUse, InFlight, Shape, Shown
 from models.effects.pictures import more, nearest, over_surfaces, percent
-from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
 
 SD = {"lift": 0.05, "pull": 0.012, "tilt": 0.05}

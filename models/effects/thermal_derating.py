@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import more, nearest, over
-from models.frames import Array
 
 STEP_C = 30.0
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, Shown, where_commanded
 from models.effects.pictures import more, over_thrust
-from models.frames import Array
 
 FLATTEST, FELT_WITHIN = -0.4, 0.1
 """Smallest slope, and by how much it may be less than what the accelerometer feels."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import more, over_thrust
-from models.frames import Array
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:

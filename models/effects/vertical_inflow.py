@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Quantity, Shown
 from models.effects.pictures import mean, over, percent
-from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 from models.vehicle_wrench import RPM_TO_RAD_S
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import (
     AdoptedEffect,
     BelongsTo,
@@ -23,7 +24,6 @@ from models.effects.effect import (
     Shown,
 )
 from models.effects.pictures import compass, force_words, mean, over
-from models.frames import Array
 
 LEAST_DRAG = 0.02
 """Share of momentum theory's drag below which no rotor's is: by less, a force would be a storm."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.common.frames import Array
 from models.dataset import DataSet, place_means
-from models.frames import Array
 from models.surrogate.free_air import HORIZONTAL
 
 # Where the data still show an effect at their outermost distance, the gate closes this much further out.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 
 # Nodes along each side of the table of trust: a cell is 1/64 of the range of the scaled distances.
 NODES = 65

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from models.frames import GRAVITY
-from models.lift_ratio import BY_COEFFICIENT
+from models.common.frames import GRAVITY
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.surrogate.free_air import FreeAir
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.vehicle.lift_ratio import BY_COEFFICIENT
 
 _RADIUS_SHARE, _LIP_SHARE = 0.05, 0.10
 """Sizes further apart than this share are of two fans; drawings and rulers agree better."""

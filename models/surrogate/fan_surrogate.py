@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.common.errors import ModelError
+from models.common.frames import Array
 from models.effects.effect import AdoptedEffect
-from models.errors import ModelError
-from models.frames import Array
 from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain

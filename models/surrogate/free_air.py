@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.common.errors import ModelError
+from models.common.frames import AXES, Array
 from models.dataset import DataSet, place_means
-from models.errors import ModelError
-from models.frames import AXES, Array
 
 HORIZONTAL = np.array([True, True, False, True, True, False])
 """Components that name a horizontal direction: a fan that sees no wall has none to prefer."""

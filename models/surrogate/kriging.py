@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 
 # Fitting costs rows^3: length scales are fitted on the first number of rows, predictions rest on the second.
 ROWS_FOR_LENGTHS = 200

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 
 # Rows at a time: the hidden layer then stays in the processor's cache.
 CHUNK = 512

@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 
 DEGREES = (1, 2, 3, 4, 5)
 

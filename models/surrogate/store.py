@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from models.common.errors import ModelError
 from models.effects import adopted
 from models.effects.effect import AdoptedEffect
-from models.errors import ModelError
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
 from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor

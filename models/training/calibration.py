@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 from models.surrogate.fan_surrogate import Calibration
 
 # Factors on the members' spread to choose from: from spread ignored to spread 20 times too small, steps of a tenth.

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.common.errors import ModelError
+from models.common.frames import AXES, Array
+from models.common.pages.document import document, verdict, write_document
+from models.common.pages.svg import Line, figure
 from models.dataset import DataSet, held_out
-from models.errors import ModelError
-from models.frames import AXES, Array
-from models.pages.document import document, verdict, write_document
-from models.pages.svg import Line, figure
 from models.surrogate import free_air
 from models.surrogate.fan_surrogate import Regressor
 from models.training import train

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 
 Genes = NDArray[np.float32] | Array
 Index = NDArray[np.intp]

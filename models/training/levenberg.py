@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
-from models.frames import Array
+from models.common.frames import Array
 
 # Most evaluations of one net, and the share of the cost below which a step ends it.
 EVALUATIONS = 300

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.common.frames import Array
 from models.dataset import place_means
-from models.frames import Array
 from models.surrogate import polynomial
 
 # A component is learnt if simple models explain at least this share of it at places that they have not seen.

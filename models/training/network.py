@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from models.frames import Array
+from models.common.frames import Array
 
 INPUTS = 3
 # The paper gives no rates (a full batch each step): plain descent at one rate, Adam down to another on a cosine.

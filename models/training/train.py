@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.common.errors import ModelError
+from models.common.frames import AXES, Array
 from models.dataset import DataSet, held_out
-from models.errors import ModelError
-from models.frames import AXES, Array
 from models.surrogate import coordinates, domain, free_air, kriging, polynomial
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.fan_identity import identity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 
 def run(a: argparse.Namespace) -> int:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import AdoptedEffect, BelongsTo, Coefficient, Effect
-from models.frames import Array
 from replay.residual.record import Record
 from replay.search.evidence import Evidence
 from replay.search.library import Library

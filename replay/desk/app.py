@@ -19,7 +19,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.templating import Jinja2Templates
 
-from models.pages.document import PAGE_STYLE
+from models.common.pages.document import PAGE_STYLE
 from replay.desk.guard import Guard
 from replay.desk.question import Question, others, rows
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_text

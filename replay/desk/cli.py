@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.page.feed import read_address
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, or the port is taken; 130 interrupted. The walk over the page:
 docs/desk.md."""

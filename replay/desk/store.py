@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay.logs.formats import READERS
 
 MOST_BYTES = 2 << 30

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from models.air_state import blank_state
+from models.common.errors import ConfigError
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
-from models.errors import ConfigError
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import FanSurrogate

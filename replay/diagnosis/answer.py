@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from models.common.frames import AXES, Array
 from models.effects import AdoptedEffect, InFlight
-from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import of_one_wind, to_adopt
 from replay.diagnosis.weights import in_shares, least_in_shares, scale

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.vehicles import vehicle_path
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options
 from replay.source_options import add_source_option
 
@@ -85,8 +85,8 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from models.text_file import write_text
-    from models.vehicle_plausibility import warnings
+    from models.common.text_file import write_text
+    from models.vehicle.plausibility import warnings
     from replay.command import (
         check_targets,
         fault_lines,

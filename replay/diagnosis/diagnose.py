@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from models.common.errors import LogError
 from models.effects import Effect, catalogue
-from models.errors import LogError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import Diagnosis

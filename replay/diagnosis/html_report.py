@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from models.common.frames import AXES
 from models.effects import get
-from models.frames import AXES
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import Diagnosis, rms_interval
 from replay.diagnosis.next_step import certainty, next_step, size_words

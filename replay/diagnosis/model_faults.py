@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from models.choice import Choice
-from models.frames import GRAVITY
-from models.lift_ratio import IN_FLIGHT
+from models.common.frames import GRAVITY
+from models.vehicle.lift_ratio import IN_FLIGHT
 from replay.residual.record import Record
 
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from models.common.frames import AXES, Array
+from models.common.pages.svg import Line, figure, keys
 from models.effects import InFlight
 from models.effects.pictures import over_time
-from models.frames import AXES, Array
-from models.pages.svg import Line, figure, keys
 from replay.diagnosis.answer import UNITS
 from replay.diagnosis.weights import scale
 from replay.diagnosis.words import AXIS_WORDS, channel_words

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Vehicle
 from replay.search.estimates import IntervalEstimate
 from replay.search.visible import Visible

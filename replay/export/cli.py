@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError, LogError
+from models.common.errors import ConfigError, LogError
 from replay.pipeline_options import add_pipeline_options, assumed_parameters, pipeline_config
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, a missing package or an unwritable file; 3 log unreadable;
@@ -47,7 +47,7 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    from models.arguments import installed_version
+    from models.common.arguments import installed_version
     from replay.command import of_logs
     from replay.export.columns import table
     from replay.export.decided import decide

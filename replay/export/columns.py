@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.air_state import DIRECTIONS
-from models.frames import Array
+from models.common.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.export.columns import Column, LogTable
 
 _ROWS = 20_000

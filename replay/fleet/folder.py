@@ -12,10 +12,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from models.arguments import speaks
-from models.errors import ConfigError, LogError
-from models.pages.document import write_document
-from models.text_file import write_json
+from models.common.arguments import speaks
+from models.common.errors import ConfigError, LogError
+from models.common.pages.document import write_document
+from models.common.text_file import write_json
 from replay.command import check_declared, check_targets
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page

@@ -16,8 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from models.arguments import installed_version
-from models.errors import ConfigError
+from models.common.arguments import installed_version
+from models.common.errors import ConfigError
 
 _EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""

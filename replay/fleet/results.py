@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.errors import LogError
-from models.pages.document import write_document
+from models.common.errors import LogError
+from models.common.pages.document import write_document
 from replay.fleet.jobs import Job
 from replay.logs.formats import READERS
 

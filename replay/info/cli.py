@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from companion.vehicles import vehicle_path
-from models.arguments import speaks
-from models.errors import LogError
+from models.common.arguments import speaks
+from models.common.errors import LogError
 from replay.pipeline_options import add_answer_options, assumed_parameters
 from replay.source_options import add_source_option, source_settings
 
@@ -58,7 +58,7 @@ def run(a: argparse.Namespace) -> int:
     """Run the command. A log that cannot be read is one line on stderr, and the others are still read."""
     # Imported here so that --help answers at once.
     from companion.config import PipelineConfig
-    from models.text_file import write_json
+    from models.common.text_file import write_json
     from replay.command import check_declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
     from replay.info.info import decided, inspect, unasked

@@ -10,7 +10,7 @@ from typing import Any
 from companion.config import PipelineConfig
 from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
-from models.errors import LogError
+from models.common.errors import LogError
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Interval, SourceChoice
 from replay.info.abilities import Ability, Extent, abilities

@@ -22,7 +22,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.logs.columns import Messages, believable
 from replay.logs.files import check_head, is_text_dataflash, read_file
 from replay.logs.parameters import Row

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
-from models.errors import LogError
-from models.frames import Array
-from models.vehicle_setup.motor_outputs import PORT_OUTPUTS
+from models.common.errors import LogError
+from models.common.frames import Array
+from models.vehicle.motor_outputs import PORT_OUTPUTS
 from replay.flightlog import (
     Beam,
     EscRecord,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import range_verdict
-from models.errors import LogError
-from models.frames import GRAVITY, Array, quaternion_of_halves
+from models.common.errors import LogError
+from models.common.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, Series
 from replay.logs.tlog import outliers
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.memory import free_bytes
 
 _MEMORY_PER_BYTE = 6.0

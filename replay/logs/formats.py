@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.mavlink.wire_frames import Counts, walk
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.flightlog import FlightLog
 from replay.logs.files import HEAD_BYTES, is_text_dataflash
 from replay.logs.rotor_speeds import with_believable_speeds

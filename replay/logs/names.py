@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.formats import suffix_of
 
 _TLOG = {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.flightlog import EscRecord, FlightLog, Series
 
 UNKNOWN_RPM = (65535.0, -1.0)

@@ -15,7 +15,7 @@ from pathlib import Path
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from companion.mavlink.dialect import mavlink
-from models.errors import LogError
+from models.common.errors import LogError
 
 _HEAD = b"\xa3\x95"
 _FMT = 128

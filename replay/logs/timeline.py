@@ -21,7 +21,7 @@ from companion.mavlink import AUTOPILOT_COMPONENT, OWN_COMPONENT
 from companion.mavlink.boot_clock import Stamp
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_layout import Layout
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.receiver_clock import Micros, clock_steps, without_steps
 from replay.logs.tlog import Tlog, outliers
 

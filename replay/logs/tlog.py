@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.wire_frames import V2, Counts, frame_bytes, walk
 from companion.mavlink.wire_layout import wire_format
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.files import read_file
 
 GROUND_STATION = 190

@@ -17,7 +17,7 @@ from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
-from models.frames import Array
+from models.common.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import (
     Messages,

@@ -10,7 +10,7 @@ import numpy as np
 from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.sample_builders import parameter_value
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.tlog import GROUND_STATION, Tlog
 
 _HEARTBEAT = 0

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
-from models.errors import LogError
-from models.vehicle_setup.estimate import thrust_to_output
+from models.common.errors import LogError
+from models.vehicle.estimate import thrust_to_output
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import (
     Messages,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from companion.vehicles import vehicle_path
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay.pipeline_options import EXIT_CODES, add_answer_options
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
-from models.frames import Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths

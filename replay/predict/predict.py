@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import LogError
-from models.frames import AXES, Array
+from models.common.errors import LogError
+from models.common.frames import AXES, Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import known_day, learnt_from

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.control.state import Decision
 from companion.telemetry.summary import around
-from models.frames import Array
+from models.common.frames import Array
 
 _PERIOD_S = 0.1
 """Finer than a plot of minutes can show."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from companion.control.reasons import Reason
-from models.pages.svg import Band, Line, figure, keys
+from models.common.pages.svg import Band, Line, figure, keys
 from replay.report import render
 from replay.rerun.history import History
 from replay.rerun.report import RunReport

@@ -13,7 +13,7 @@ from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.telemetry.summary import Summary
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.formats import load, suffix_of
 from replay.logs.names import called
 from replay.logs.timeline import steady

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.residual.distances import ground_height

@@ -22,7 +22,7 @@ from companion.estimation.ring_planes import placed, ring_view
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vector3, Vehicle
 from replay.flightlog import Beam, FlightLog, Series, direction_name
 from replay.residual.grid import Mask

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.common.frames import GRAVITY, Array
 from models.effects import Context
-from models.frames import GRAVITY, Array
 from models.vehicle import Vehicle
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.motion import Trajectory

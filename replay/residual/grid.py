@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 
 Mask = NDArray[np.bool_]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.common.frames import GRAVITY, Array
 from models.effects import Context
-from models.frames import GRAVITY, Array
 from replay.residual.grid import Mask, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
 

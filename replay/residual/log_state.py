@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 from models.air_state import DIRECTIONS, AirState, blank_state
-from models.errors import LogError
-from models.frames import Array
+from models.common.errors import LogError
+from models.common.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.logs.names import called

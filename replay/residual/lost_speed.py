@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Mask
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.errors import LogError
-from models.frames import GRAVITY, Array, rotation_from_quaternion
+from models.common.errors import LogError
+from models.common.frames import GRAVITY, Array, rotation_from_quaternion
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
 from replay.logs.names import called

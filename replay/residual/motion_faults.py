@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change, running_mean
 from replay.residual.motion import Trajectory

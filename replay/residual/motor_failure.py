@@ -9,7 +9,7 @@ import numpy as np
 
 from models.effects import Context
 from models.vehicle import Vehicle
-from models.vehicle_setup.motor_outputs import declared_motors
+from models.vehicle.motor_outputs import declared_motors
 from replay.flightlog import FlightLog, LogFault
 from replay.residual.failed_motor import Failure, evidence_until, failed_motor, places_known
 from replay.residual.grid import Mask

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.frames import Array
-from models.vehicle_setup.motor_outputs import declared_motors
+from models.common.frames import Array
+from models.vehicle.motor_outputs import declared_motors
 from replay.flightlog import FlightLog
 from replay.residual.grid import Mask
 

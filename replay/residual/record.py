@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from models.air_state import AirState
+from models.common.errors import ConfigError, LogError
+from models.common.frames import Array, measured_wrench
 from models.effects import AdoptedEffect, Context, adopted_wrench, corrected_state
-from models.errors import ConfigError, LogError
-from models.frames import Array, measured_wrench
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench

@@ -8,10 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
 from models.vehicle import Vehicle
-from models.vehicle_setup.rotor_speed import Hover, misread
+from models.vehicle.rotor_speed import Hover, misread
 from replay.flightlog import FlightLog, LogFault
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Mask, band

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
 from replay.residual.grid import Mask, band, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
 

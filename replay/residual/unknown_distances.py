@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from models.air_state import AirState
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask

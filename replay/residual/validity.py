@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
 from replay.residual.held_down import held_down

@@ -7,10 +7,10 @@ from itertools import combinations
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
-from models.lift_ratio import JUDGED
-from models.vehicle_setup.rotor_speed import POLE_PARAMETERS
+from models.vehicle.lift_ratio import JUDGED
+from models.vehicle.rotor_speed import POLE_PARAMETERS
 from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change
 from replay.residual.motion import Trajectory

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.common.frames import Array
 from models.effects import Context
-from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.noise_spectra import Spectrum
 

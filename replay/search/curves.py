@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.frames import AXES, Array
+from models.common.frames import AXES, Array
 from replay.residual.record import Record
 
 KNOTS = 7

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import truncnorm
 
+from models.common.frames import Array
 from models.effects import Context, Effect
-from models.frames import Array
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.held_out import FlightFit, folds_of
 from replay.search.sets import Walked

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Whitened
 from replay.search.library import Design, Library

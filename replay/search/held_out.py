@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import AXES, Array
+from models.common.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths

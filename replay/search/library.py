@@ -9,8 +9,8 @@ from itertools import accumulate, groupby, zip_longest
 
 import numpy as np
 
+from models.common.frames import AXES, Array
 from models.effects import Effect
-from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
 from replay.search.curves import AMPLITUDE, ATTITUDE, Curve, curves

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.residual.grid import Mask
 
 ORDER = 4

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.frames import AXES, Array
+from models.common.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths

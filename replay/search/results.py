@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from models.common.frames import AXES
 from models.effects import Effect, get
-from models.frames import AXES
 from replay.search.channel import hundredths
 from replay.search.estimates import LEARNT, IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import TRUST, Fit

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import log_ndtr
 
+from models.common.frames import Array
 from models.effects import Context, Effect
-from models.frames import Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import Columns

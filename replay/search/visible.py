@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.common.frames import AXES, Array
 from models.effects import Coefficient, Context
-from models.frames import AXES, Array
 from replay.search.evidence import TRUST
 from replay.search.sets import NAMED, Walked
 from replay.search.terms import Term

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 from replay.search.channel import ResidualChannel
 from replay.search.library import Design
 from replay.search.terms import STEP_S, Term, log_mass

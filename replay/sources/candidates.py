@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay.flightlog import SourceChoice, Stated
 
 _SIMILAR = 0.5

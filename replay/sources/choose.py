@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay.flightlog import FlightLog, ImuRecord, Series, SourceChoice, Stated
 from replay.sources.battery import batteries
 from replay.sources.candidates import pick

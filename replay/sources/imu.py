@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.frames import GRAVITY, Array
+from models.common.frames import GRAVITY, Array
 from replay.flightlog import FlightLog, ImuRecord, Series
 from replay.sources.candidates import Candidate
 

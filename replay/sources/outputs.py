@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.frames import Array
-from models.vehicle_setup.motor_outputs import CAN, DeclaredMotors, declared_motors
+from models.common.frames import Array
+from models.vehicle.motor_outputs import CAN, DeclaredMotors, declared_motors
 from replay.flightlog import FlightLog, MotorOutputs, Series, SourceChoice, Stated
 from replay.sources.candidates import Candidate, pick
 from replay.sources.imu import correlation

@@ -10,16 +10,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from models.errors import LogError
-from models.vehicle_setup.ardupilot_frames import (
+from models.common.errors import LogError
+from models.vehicle.ardupilot_frames import (
     SaidFrame,
     said_before_3_5,
     said_by_class,
     said_by_text,
 )
-from models.vehicle_setup.estimate import pwm_range
-from models.vehicle_setup.motor_layouts import FRAMES, UNSURE, Motor
-from models.vehicle_setup.px4_frames import px4_rotors, said_by_autostart
+from models.vehicle.estimate import pwm_range
+from models.vehicle.motor_layouts import FRAMES, UNSURE, Motor
+from models.vehicle.px4_frames import px4_rotors, said_by_autostart
 from replay.flightlog import FlightLog, Series
 from replay.logs.names import called
 from replay.sources.outputs import moving_outputs

@@ -16,22 +16,22 @@ from typing import Any
 import numpy as np
 
 from companion.vehicles import default_vehicle
-from models.errors import ConfigError, LogError
-from models.frames import GRAVITY, Array
+from models.common.errors import ConfigError, LogError
+from models.common.frames import GRAVITY, Array
 from models.vehicle import RHO_SEA_LEVEL, Rangefinder, Vehicle
-from models.vehicle_plausibility import findings, target_of
-from models.vehicle_setup.estimate import Guess, typical_sizes
-from models.vehicle_setup.motor_outputs import PORT_OUTPUTS
-from models.vehicle_setup.rotor_speed import Hover, misread
-from models.vehicle_setup.setup import (
+from models.vehicle.estimate import Guess, typical_sizes
+from models.vehicle.motor_outputs import PORT_OUTPUTS
+from models.vehicle.plausibility import findings, target_of
+from models.vehicle.rotor_speed import Hover, misread
+from models.vehicle.setup import (
     COMMON_PROPELLERS,
     USUAL_PULSES,
     Answers,
     build,
     parameter_ranges,
 )
-from models.vehicle_setup.toml_text import vehicle_text
-from models.vehicle_types import ASSUMABLE
+from models.vehicle.toml_text import vehicle_text
+from models.vehicle.vehicle import ASSUMABLE
 from replay.flightlog import FlightLog, MotorOutputs
 from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vehicle
 from replay.residual.record import Record
 

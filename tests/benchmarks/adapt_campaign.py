@@ -28,7 +28,7 @@ from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.scenario import NAMES, build
 from companion.sim.world import law_of
 from companion.vehicles import default_vehicle
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vehicle, load_vehicle
 
 APPROACHES = 3

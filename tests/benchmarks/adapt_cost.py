@@ -28,7 +28,7 @@ from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
-from models.frames import Array
+from models.common.frames import Array
 from replay.logs.tlog import read_tlog
 
 CHUNK = 10

@@ -25,7 +25,7 @@ from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
 from companion.vehicles import default_vehicle
-from models.frames import GRAVITY, Array
+from models.common.frames import GRAVITY, Array
 from models.vehicle import Vehicle, load_vehicle
 
 FLIGHTS = (

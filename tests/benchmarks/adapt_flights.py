@@ -24,7 +24,7 @@ from companion.sim.autopilot import Mode
 from companion.sim.flight import SimulatedFlight
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder, Vehicle
 
 Change = Callable[[SimulatedFlight, float], None]

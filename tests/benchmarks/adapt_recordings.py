@@ -29,7 +29,7 @@ from companion.adaptation.residual import BlockResidual
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from models.choice import NONE, choose
-from models.errors import UserError
+from models.common.errors import UserError
 from models.vehicle import load_vehicle
 from replay.rerun.report import play
 

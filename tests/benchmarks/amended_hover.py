@@ -35,7 +35,7 @@ from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import ROUNDING_S, Scenario, Waypoint
 from companion.sim.sensors import true_range
 from companion.vehicles import TANDEM
-from models.errors import ModelError, UserError
+from models.common.errors import ModelError, UserError
 from models.vehicle import load_vehicle
 from replay.cli import main as replay
 

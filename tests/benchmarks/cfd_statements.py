@@ -24,7 +24,7 @@ from models.cfd.config import Setup, load
 from models.cfd.labels import HALF, Label, full_kind, kind_of, labels
 from models.cfd.position import FREE, Place
 from models.cfd.table import read
-from models.frames import AXES, Array
+from models.common.frames import AXES, Array
 
 GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
 """Where the effects of ground and wall end, over R (corner-effect paper, sections 2.2 and 2.3)."""

@@ -20,7 +20,7 @@ from companion.adapt_options import Adapt, read_adapt
 from companion.sim.compare import CompareSettings, compare, write
 from companion.sim.compare_report import as_json
 from companion.sim.sensors import Estimator
-from models.errors import UserError
+from models.common.errors import UserError
 
 GOAL = 0.7
 """Share of the air-caused error that the offsets are to remove."""

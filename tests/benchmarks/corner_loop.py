@@ -30,7 +30,7 @@ from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.choice import choose
-from models.frames import Array
+from models.common.frames import Array
 from models.surrogate.store import save_model
 from models.vehicle import Vehicle, load_vehicle
 from replay.diagnosis.amended_model import amended

@@ -23,8 +23,8 @@ import numpy as np
 import models
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
+from models.common.frames import Array, quaternion_from_euler, rotation_from_quaternion
 from models.effects import Coefficient, Context, Effect, catalogue
-from models.frames import Array, quaternion_from_euler, rotation_from_quaternion
 from replay.diagnosis.diagnose import conclude
 from replay.residual.grid import RATE_HZ
 from replay.residual.log_state import named_channels

@@ -21,10 +21,10 @@ import numpy as np
 import models
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
+from models.common.frames import AXES, Array, quaternion_from_euler, rotation_from_quaternion
 from models.effects import Context, Effect, catalogue
 from models.effects.effect import InFlight
 from models.effects.pictures import over_time
-from models.frames import AXES, Array, quaternion_from_euler, rotation_from_quaternion
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE, PICTURE = DOCS / "effects.md", DOCS / "effects.png"

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from companion.vehicles import chosen_vehicle
-from models.errors import UserError
+from models.common.errors import UserError
 from replay.flightlog import LogFault
 from replay.logs.formats import load
 from replay.residual.record import build_record

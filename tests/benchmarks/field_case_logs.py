@@ -18,7 +18,7 @@ from log_writers import EPOCH_US, BinWriter, UlgWriter, frame, heartbeat, write_
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_STATUS
 from companion.mavlink.wire_frames import pack
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 
 IMU_HZ = 50
 SLOW_HZ = 25

@@ -22,8 +22,8 @@ import numpy as np
 from field_case_logs import CASES, Expected
 from result_file import ROOT, add_option, counted, write_result
 
-from models.errors import LogError
-from models.frames import Array
+from models.common.errors import LogError
+from models.common.frames import Array
 from replay import load
 
 DATA = ROOT.parent / "shared" / "data" / "cases"

@@ -27,7 +27,7 @@ from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
 from companion.sim.sensors import RangeFault
 from companion.vehicles import QUAD
-from models.errors import UserError
+from models.common.errors import UserError
 from models.surrogate.empty import empty_model
 from models.vehicle import load_vehicle
 

@@ -49,8 +49,8 @@ from companion.mavlink.setpoints import AttitudeCommand, Command
 from companion.mavlink.wire_frames import FrameReader, cut, pack
 from companion.pipeline import initial_state, step
 from companion.vehicles import default_vehicle
-from models.errors import UserError
-from models.progress import Bars
+from models.common.errors import UserError
+from models.common.progress import Bars
 
 Mutation = Callable[[bytearray, random.Random], bytearray]
 

@@ -46,7 +46,7 @@ from companion.mavlink.samples import (
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import initial_state, step
 from companion.vehicles import QUAD
-from models.frames import GRAVITY, quaternion_from_euler
+from models.common.frames import GRAVITY, quaternion_from_euler
 from models.surrogate.empty import empty_model
 from models.vehicle import load_vehicle
 

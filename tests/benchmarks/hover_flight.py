@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.frames import GRAVITY, Array
+from models.common.frames import GRAVITY, Array
 
 SECONDS = 28.0
 TAKE_OFF_S = 3.0

@@ -33,7 +33,7 @@ from flight_process import flight_command
 from result_file import add_option, figure, write_result
 
 from companion.mavlink.dialect import mavlink
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 
 PARAMETERS = {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5, "MOT_THST_HOVER": 0.5, "ATC_INPUT_TC": 0.15}
 """What the generator answers as an ArduCopter."""

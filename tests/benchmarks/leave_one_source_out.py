@@ -25,7 +25,7 @@ from measured.known import TABLE, Flight, Known, read
 from measured.settings import parse, used
 from tqdm import tqdm
 
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.command import declared
 from replay.diagnosis.diagnose import conclude, read_records
 from replay.diagnosis.model_faults import model_faults

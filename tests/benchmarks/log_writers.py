@@ -10,8 +10,8 @@ import numpy as np
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS
 from companion.mavlink.wire_frames import pack
+from models.common.frames import GRAVITY
 from models.dataset import HEADER, DataSet
-from models.frames import GRAVITY
 
 EPOCH_US = 1_767_225_600_000_000
 

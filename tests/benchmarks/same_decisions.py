@@ -31,8 +31,8 @@ from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode
 from companion.vehicles import default_vehicle
+from models.common.errors import UserError
 from models.effects.effect import AdoptedEffect
-from models.errors import UserError
 from models.vehicle import load_vehicle
 from replay.logs.formats import READERS, load, suffix_of
 from replay.logs.tlog import read_tlog

@@ -44,7 +44,7 @@ from companion.sim.pilot import ScriptedPilot
 from companion.sim.process import free_port, launch
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
-from models.progress import Bars
+from models.common.progress import Bars
 
 ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 31, 82
 FILLERS, FILLER_HZ = (29, 30, 36, 105), 230.0

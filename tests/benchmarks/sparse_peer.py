@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from sklearn.preprocessing import StandardScaler
 
-from models.frames import Array
+from models.common.frames import Array
 
 try:
     import pysindy

@@ -22,8 +22,8 @@ from result_file import add_option, figure, write_result
 
 import models
 from models import dataset
+from models.common.frames import AXES, Array
 from models.dataset import DataSet
-from models.frames import AXES, Array
 from models.surrogate import free_air
 from models.training import train
 

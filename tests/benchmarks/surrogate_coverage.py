@@ -18,8 +18,8 @@ import numpy as np
 from noisy_campaign import noisy_campaign
 
 from models import dataset
+from models.common.frames import AXES, Array
 from models.dataset import DataSet
-from models.frames import AXES, Array
 from models.surrogate import free_air
 from models.training import train
 

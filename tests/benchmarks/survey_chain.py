@@ -31,7 +31,7 @@ from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import build
 from companion.survey_box import read_box
 from companion.vehicles import TANDEM
-from models.errors import UserError
+from models.common.errors import UserError
 from models.surrogate.empty import empty_model
 from models.vehicle import Vehicle, load_vehicle
 from replay.cli import main as replay

@@ -34,9 +34,9 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
+from models.common.errors import LogError
+from models.common.frames import Array
 from models.effects import AdoptedEffect, adopted_wrench
-from models.errors import LogError
-from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import load_vehicle
 from replay.diagnosis.amended_model import amended

@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from companion.mavlink.dialect import mavlink
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 
 
 class FakeAutopilot:

@@ -24,7 +24,7 @@ from companion.mavlink.samples import (
 )
 from companion.pipeline import initial_state, step
 from companion.vehicles import default_vehicle
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 from models.surrogate.fan_surrogate import Answer
 
 HOVER_N = 4.6 * 9.80665 / 2.0

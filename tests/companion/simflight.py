@@ -19,7 +19,7 @@ from companion.mavlink.wire_frames import cut
 from companion.sim.autopilot import Mode
 from companion.sim.flight import SimulatedFlight
 from companion.sim.scenario import build
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 from models.vehicle import Vehicle, load_vehicle
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay

@@ -25,8 +25,8 @@ from companion.estimation.disturbance import FanPlaces, Parts, about_cg
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
+from models.common.frames import measured_wrench, quaternion_from_euler, rotation_from_quaternion
 from models.effects import Context, get
-from models.frames import measured_wrench, quaternion_from_euler, rotation_from_quaternion
 from models.vehicle import Vehicle, load_vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, modelled_wrench, vane_wrench
 

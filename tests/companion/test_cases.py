@@ -7,7 +7,7 @@ import pytest
 from flight_case import Case, fly_case
 
 from companion.vehicles import QUAD
-from models.errors import LinkError
+from models.common.errors import LinkError
 from models.vehicle import load_vehicle
 
 

@@ -22,7 +22,7 @@ from companion.mavlink.samples import (
 )
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from companion.pipeline import ready_to_leave, stopped
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 from models.vehicle import Limits
 
 OFFBOARD, POSCTL = 6 << 16, 3 << 16
@@ -433,7 +433,7 @@ def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, mov
 
 def test_the_limits_of_the_way_are_optional_keys_of_the_vehicle_file(tmp_path):
     from companion.vehicles import QUAD
-    from models.errors import ConfigError
+    from models.common.errors import ConfigError
     from models.vehicle import load_vehicle
 
     text = QUAD.read_text()

@@ -17,7 +17,7 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.tlog_writer import Recorder
 from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
-from models.errors import ConfigError, LinkError
+from models.common.errors import ConfigError, LinkError
 
 
 class Run:

@@ -19,8 +19,8 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_frames import FrameReader
 from companion.pipeline import initial_state, step
-from models.errors import LogError
-from models.progress import Bars
+from models.common.errors import LogError
+from models.common.progress import Bars
 from replay.logs.columns import Messages, believable, quaternions, unflipped
 from replay.logs.formats import load
 

@@ -18,7 +18,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.mavlink.wire_frames import Frame, FrameReader, pack
 from companion.sim.autopilot import Mode
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 from replay.logs.tlog import read_tlog
 
 SECONDS = 4.0

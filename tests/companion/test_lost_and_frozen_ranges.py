@@ -20,7 +20,7 @@ from companion.estimation.estimator import (
 )
 from companion.estimation.estimator import take_range as take
 from companion.mavlink.samples import Attitude, LocalPosition, Range, RangeVerdict
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 
 GROUND, WALL = "ground", "wall"
 BEAMS = {GROUND: DOWN, WALL: RIGHT}

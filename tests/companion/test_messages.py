@@ -19,7 +19,7 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import Attitude, LocalPosition, RangeVerdict
 from companion.mavlink.wire_frames import cut, pack
 from companion.mavlink.wire_layout import SI
-from models.frames import quaternion_from_euler, rotation_from_quaternion
+from models.common.frames import quaternion_from_euler, rotation_from_quaternion
 
 ARRIVAL = 1_767_225_642_203_386
 

@@ -25,7 +25,7 @@ from companion.page.snapshot import snapshot
 from companion.pipeline import initial_state, step
 from companion.sim.process import free_port
 from companion.vehicles import default_vehicle
-from models.errors import ConfigError, LinkError
+from models.common.errors import ConfigError, LinkError
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

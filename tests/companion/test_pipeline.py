@@ -32,7 +32,7 @@ from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from companion.pipeline import answer, initial_state, step, stopped
 from companion.settle import settle
 from companion.telemetry.status import named_values
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 
 
 def test_near_the_ground_thrust_is_taken_off_and_at_the_wall_it_leans_away():

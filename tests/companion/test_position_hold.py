@@ -11,7 +11,7 @@ import pytest
 from companion.control.plant import FULL, AttitudeLoop, HoldGains, Timing, tune
 from companion.control.position_hold import Motion, engage, fly
 from companion.mavlink.firmware import ThrustMap
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Limits
 
 THRUST = ThrustMap(hover=0.5, slope=1.0)

@@ -12,7 +12,7 @@ from companion.estimation.range_geometry import (
     wall_bearing,
 )
 from companion.vehicles import default_vehicle
-from models.frames import quaternion_from_euler, rotation_from_quaternion
+from models.common.frames import quaternion_from_euler, rotation_from_quaternion
 
 DOWN, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 

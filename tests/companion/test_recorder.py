@@ -18,7 +18,7 @@ import pytest
 from companion.mavlink import tlog_writer
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.tlog_writer import Recorder
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay.logs.tlog import read_tlog
 
 BEAT = mavlink.MAVLink_heartbeat_message(2, 3, 128, 4, 4, 3).pack(mavlink.MAVLink(None, 1, 1))

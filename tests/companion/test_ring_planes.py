@@ -25,10 +25,10 @@ from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import Leg, fly_judged
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
-from models.errors import ConfigError
-from models.frames import quaternion_from_euler, rotation_rows
+from models.common.errors import ConfigError
+from models.common.frames import quaternion_from_euler, rotation_rows
 from models.vehicle import Rangefinder, parse_vehicle
-from models.vehicle_setup.toml_text import vehicle_text
+from models.vehicle.toml_text import vehicle_text
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 

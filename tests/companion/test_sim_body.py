@@ -11,8 +11,8 @@ from companion.sim.body import ARDUPILOT_MOTOR, Body, Surroundings, thrust_share
 from companion.sim.mixer import Mixer
 from companion.sim.scenario import lip_reach
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor, true_range
-from models.errors import ConfigError
-from models.frames import GRAVITY
+from models.common.errors import ConfigError
+from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder
 
 NEUTRAL = [1000.0] * 4 + [1500.0] * 2 + [0.0] * 10

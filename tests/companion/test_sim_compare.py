@@ -21,7 +21,7 @@ from companion.sim.flight import SimulatedFlight
 from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, Witness, flown
 from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
-from models.errors import ConfigError, LinkError
+from models.common.errors import ConfigError, LinkError
 from replay.logs.tlog import read_tlog
 
 TIME = np.arange(0.0, 50.0, STEP_S)

@@ -20,7 +20,7 @@ from companion.sim.flight import SimulatedFlight
 from companion.sim.process import Narrator, follow, launch
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
-from models.errors import LinkError
+from models.common.errors import LinkError
 
 
 def hover() -> SimulatedFlight:

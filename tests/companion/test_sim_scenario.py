@@ -7,7 +7,7 @@ import pytest
 from simflight import vehicle
 
 from companion.sim.scenario import NAMES, ROUNDING_S, build, wall_azimuth
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 EACH = [(name, v) for name in NAMES for v in ("tandem", "quad")]
 

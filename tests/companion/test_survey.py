@@ -18,7 +18,7 @@ from companion.control import survey as sv
 from companion.control.survey import Phase, Survey, SurveyTarget, Whereabouts, advance, plan
 from companion.sim.autopilot import Mode
 from companion.survey_box import SurveyBox, read_box
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from models.surrogate.empty import empty_model
 
 BOX = SurveyBox(0.3, 1.2, 0.3, 1.0)

@@ -11,7 +11,7 @@ from flying import CONFIG, bench
 from companion.control.reasons import Reason
 from companion.mavlink.samples import Attitude, RotorSpeeds
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
-from models.frames import quaternion_from_euler
+from models.common.frames import quaternion_from_euler
 
 
 def compensating(**changes):

@@ -21,7 +21,7 @@ from companion.sim.body import Body
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RangeSensor
 from companion.sim.world import law_of
-from models.errors import LinkError
+from models.common.errors import LinkError
 from models.vehicle import Vehicle
 
 MAGIC_16, MAGIC_32 = 18458, 29569

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 
 from companion.sim.body import Body
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 COLUMNS = (
     "time_s",

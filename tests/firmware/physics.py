@@ -22,8 +22,8 @@ from companion.sim.body import Body
 from companion.sim.scenario import NAMES, build
 from companion.sim.sensors import RangeFault, RangeSensor
 from companion.vehicles import TANDEM
-from models.arguments import Parser
-from models.errors import UserError
+from models.common.arguments import Parser
+from models.common.errors import UserError
 from models.vehicle import load_vehicle
 
 

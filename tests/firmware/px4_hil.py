@@ -23,7 +23,7 @@ from companion.sim.body import Body, MotorOutput
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, RangeSensor
 from companion.sim.world import law_of
-from models.errors import LinkError
+from models.common.errors import LinkError
 from models.vehicle import Vehicle
 
 PORT = 4560

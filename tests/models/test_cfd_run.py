@@ -16,8 +16,8 @@ from models.cfd import campaign, case, config, foam, polars
 from models.cfd.case_run import Result, Row, compute
 from models.cfd.position import Position, check
 from models.cli import main
-from models.errors import ConfigError, ModelError
-from models.progress import Bars
+from models.common.errors import ConfigError, ModelError
+from models.common.progress import Bars
 
 INF = math.inf
 SETUP = config.load()

@@ -18,7 +18,7 @@ from models.cfd.case_run import Result, Row, error_of_mean
 from models.cfd.labels import labels
 from models.cfd.position import Position, near
 from models.cli import main
-from models.errors import ModelError
+from models.common.errors import ModelError
 
 INF = math.inf
 SETUP = config.load()

@@ -12,9 +12,9 @@ from browser import CHROMIUM, DESKTOP, PHONE, Browser
 
 pytest.importorskip("torch", reason="training extra not installed")
 pytest.importorskip("sklearn", reason="training extra not installed")
+from models.common.errors import ModelError
+from models.common.frames import AXES
 from models.corner_law import ClosedForm
-from models.errors import ModelError
-from models.frames import AXES
 from models.surrogate import kriging
 from models.training import compare, genetic, levenberg, train
 

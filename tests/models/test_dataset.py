@@ -10,9 +10,9 @@ import pytest
 from log_writers import write_data_set
 
 from models import dataset
+from models.common.errors import ModelError
 from models.corner_law import ClosedForm
 from models.dataset import HEADER
-from models.errors import ModelError
 
 
 def _lines(count: int = 40) -> list[str]:

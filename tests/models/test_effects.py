@@ -14,6 +14,8 @@ import models
 from companion import vehicles
 from companion.vehicles import default_vehicle
 from models.air_state import AirState, blank_state
+from models.common.errors import ModelError
+from models.common.frames import AXES
 from models.effects import (
     AdoptedEffect,
     Context,
@@ -24,8 +26,6 @@ from models.effects import (
     corrected_state,
     get,
 )
-from models.errors import ModelError
-from models.frames import AXES
 from models.vehicle import Throttle, load_vehicle
 
 NAMES = [

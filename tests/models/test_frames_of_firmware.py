@@ -4,15 +4,15 @@ import math
 
 import pytest
 
-from models.vehicle_setup.ardupilot_frames import (
+from models.vehicle.ardupilot_frames import (
     COUNT_OF_CLASS,
     ardupilot_frame,
     said_before_3_5,
     said_by_class,
     said_by_text,
 )
-from models.vehicle_setup.motor_layouts import FRAMES
-from models.vehicle_setup.px4_frames import px4_rotors, said_by_autostart
+from models.vehicle.motor_layouts import FRAMES
+from models.vehicle.px4_frames import px4_rotors, said_by_autostart
 
 CLOCKWISE, COUNTER = 1, -1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from models.frozen_copy import replace
+from models.common.frozen_copy import replace
 
 
 @dataclass(frozen=True)

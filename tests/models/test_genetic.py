@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.frames import Array
+from models.common.frames import Array
 from models.training import genetic
 from models.training.genetic import Settings
 

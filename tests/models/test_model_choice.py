@@ -12,7 +12,7 @@ import models
 from companion.vehicles import QUAD, default_vehicle
 from models.choice import choose, choose_to_fly
 from models.cli import main
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from models.surrogate.empty import empty_model, is_empty
 from models.surrogate.fan_identity import contradictions, identity_of, lift_over_weight
 from models.vehicle import load_vehicle

@@ -13,8 +13,8 @@ from log_writers import write_data_set
 
 import models.training
 from models import cli, dataset
+from models.common.frames import AXES
 from models.corner_law import ClosedForm
-from models.frames import AXES
 from models.training.train import METHODS
 
 

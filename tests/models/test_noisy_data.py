@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from noisy_campaign import FAN, RPM, R, noisy_campaign
 
+from models.common.frames import AXES, Array
 from models.dataset import held_out
-from models.frames import AXES, Array
 from models.surrogate import free_air, kriging
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.training import compare, live_components, train

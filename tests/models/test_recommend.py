@@ -2,7 +2,7 @@
 
 import pytest
 
-from models.frames import AXES
+from models.common.frames import AXES
 from models.training.compare import recommend
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import models
+from models.common.errors import ModelError
 from models.effects import get
 from models.effects.effect import AdoptedEffect
-from models.errors import ModelError
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import models
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
+from models.common.frames import corner_to_body
 from models.effects import AdoptedEffect, Context, get
-from models.frames import corner_to_body
 from models.surface_map import CELLS, MEASURED, PARTS, cell_name, prior_factor
 from models.surrogate.store import load, save_model
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from models import dataset
+from models.common.errors import ModelError
+from models.common.frames import AXES
 from models.corner_law import ClosedForm
 from models.dataset import DataSet
-from models.errors import ModelError
-from models.frames import AXES
 from models.surrogate import coordinates, free_air, store
 from models.training import levenberg, train
 from models.training.train import METHODS, PAPER_METHODS

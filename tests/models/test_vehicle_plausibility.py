@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from companion.vehicles import QUAD, TANDEM
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from models.vehicle import Vehicle, load_vehicle
-from models.vehicle_plausibility import warnings
+from models.vehicle.plausibility import warnings
 
 
 def changed(tmp_path: Path, source: Path, *pairs: tuple[str, str]) -> Path:

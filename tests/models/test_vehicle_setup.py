@@ -7,15 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.vehicles import QUAD, TANDEM
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import load_vehicle, parse_vehicle
-from models.vehicle_setup.ardupilot_frames import ardupilot_frame
-from models.vehicle_setup.estimate import inertia, max_thrust, throttle_output
-from models.vehicle_setup.motor_layouts import FRAMES
-from models.vehicle_setup.motor_outputs import declared_motors
-from models.vehicle_setup.px4_frames import px4_motors
-from models.vehicle_setup.setup import Answers, build, parameter_ranges
-from models.vehicle_setup.toml_text import vehicle_text
+from models.vehicle.ardupilot_frames import ardupilot_frame
+from models.vehicle.estimate import inertia, max_thrust, throttle_output
+from models.vehicle.motor_layouts import FRAMES
+from models.vehicle.motor_outputs import declared_motors
+from models.vehicle.px4_frames import px4_motors
+from models.vehicle.setup import Answers, build, parameter_ranges
+from models.vehicle.toml_text import vehicle_text
 
 ARDUPILOT = {
     "SERVO9_FUNCTION": 33.0, "SERVO10_FUNCTION": 34.0, "SERVO11_FUNCTION": 35.0, "SERVO12_FUNCTION": 36.0,

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import models
-from models import frames as wrench
 from models import vehicle_wrench as air
 from models.air_state import AirState, blank_state
-from models.errors import ConfigError
+from models.common import frames as wrench
+from models.common.errors import ConfigError
 from models.vehicle import Vehicle, load_vehicle
 
 INF = np.inf

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
-from models.frames import GRAVITY, Array, rotation_from_quaternion
+from models.common.frames import GRAVITY, Array, rotation_from_quaternion
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Series
 

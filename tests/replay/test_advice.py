@@ -7,7 +7,7 @@ import pytest
 from log_writers import bin_flight, quad_flight, ulg_flight, write_tlog
 
 from companion.vehicles import QUAD, TANDEM
-from models.errors import LogError
+from models.common.errors import LogError
 from models.vehicle import load_vehicle
 from replay.cli import main
 from replay.flightlog import FlightLog, Series

@@ -8,8 +8,8 @@ import pytest
 
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
+from models.common.errors import ModelError
 from models.effects import AdoptedEffect, BelongsTo, Context, catalogue, get
-from models.errors import ModelError
 from models.surrogate.store import load, save_model
 from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import LogError
-from models.frames import GRAVITY, Array
+from models.common.errors import LogError
+from models.common.frames import GRAVITY, Array
 from models.vehicle import Vehicle, load_vehicle
 from replay.flightlog import FlightLog, Interval, Series
 from replay.residual.record import build_record

@@ -18,8 +18,8 @@ from companion.sim.flown import Leg
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.choice import choose
+from models.common.frames import Array
 from models.effects import Context, adopted_wrench
-from models.frames import Array
 from models.vehicle_wrench import modelled_wrench
 from replay import load
 from replay.diagnosis.diagnose import conclude
@@ -105,7 +105,7 @@ def test_ranges_that_have_nothing_to_do_with_the_flight_make_no_map(record: Reco
 
 
 def test_a_map_of_another_fan_is_refused_by_name(world: World, tmp_path: Path) -> None:
-    from models.errors import ConfigError
+    from models.common.errors import ConfigError
 
     directory = world.amended("none", "none", [LEARN])
     vehicle = replace(world.vehicle, rotor_radius_m=0.5 * world.vehicle.rotor_radius_m)

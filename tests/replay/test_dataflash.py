@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from log_writers import BinWriter, TextWriter, bin_flight
 
-from models.errors import LogError
-from models.frames import quaternion_from_euler
+from models.common.errors import LogError
+from models.common.frames import quaternion_from_euler
 from replay.flightlog import FlightLog
 from replay.logs.formats import load
 

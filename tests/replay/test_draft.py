@@ -12,7 +12,7 @@ from log_writers import QUAD_CT, QUAD_MASS_KG, frame, quad_flight, write_tlog
 
 from companion.mavlink.dialect import mavlink
 from companion.vehicles import default_vehicle
-from models.errors import LogError
+from models.common.errors import LogError
 from models.vehicle import load_vehicle
 from replay import load
 from replay.cli import main

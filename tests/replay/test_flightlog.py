@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.samples import RangeVerdict
 from companion.mavlink.wire_frames import cut
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.flightlog import Series, direction_name
 from replay.logs.columns import smallest_step, tidy, unflipped
 from replay.logs.formats import load

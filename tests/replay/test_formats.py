@@ -9,9 +9,9 @@ from log_writers import BinWriter, UlgWriter, bin_flight, ulg_flight
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.samples import RangeVerdict
-from models.errors import LogError
-from models.frames import quaternion_from_euler
-from models.vehicle_setup.estimate import pwm_range
+from models.common.errors import LogError
+from models.common.frames import quaternion_from_euler
+from models.vehicle.estimate import pwm_range
 from replay.logs.formats import READERS, load, suffix_of
 
 

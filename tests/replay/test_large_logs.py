@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from log_writers import EPOCH_US, BinWriter, bin_flight, flight, ulg_flight, write_tlog
 
-from models.errors import LogError
+from models.common.errors import LogError
 from replay import flightlog
 from replay.diagnosis.stretches import MOST_S, Stretches
 from replay.logs import memory

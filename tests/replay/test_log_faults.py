@@ -109,7 +109,7 @@ def frozen_range(log: FlightLog) -> FlightLog:
 
 def derived(log: FlightLog) -> FlightLog:
     """The specific force as somebody would compute it who has no accelerometer."""
-    from models.frames import rotation_from_quaternion
+    from models.common.frames import rotation_from_quaternion
 
     assert log.attitude is not None
     assert log.velocity is not None

@@ -10,7 +10,7 @@ import pytest
 
 from companion.mavlink.samples import RangeVerdict
 from companion.vehicles import default_vehicle
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Rangefinder
 from replay.flightlog import Beam, FlightLog, Series
 from replay.residual.distances import distances

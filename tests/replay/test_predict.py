@@ -12,8 +12,8 @@ from diagnose_noise import noise_record
 
 import models
 from companion.vehicles import default_vehicle
+from models.common.frames import Array
 from models.effects import AdoptedEffect, get
-from models.frames import Array
 from models.vehicle import load_vehicle
 from replay.cli import main
 from replay.diagnosis.amended_model import amended

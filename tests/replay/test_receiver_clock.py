@@ -12,7 +12,7 @@ from log_writers import EPOCH_US, flight, frame, heartbeat, write_tlog
 
 from companion.mavlink import OWN_COMPONENT
 from companion.mavlink.dialect import mavlink
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.cli import main
 from replay.flightlog import FlightLog
 from replay.logs.formats import load

@@ -11,7 +11,7 @@ import pytest
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_STATUS
 from companion.mavlink.wire_frames import pack
-from models.frames import Array
+from models.common.frames import Array
 from replay.flightlog import EscRecord, Series
 from replay.logs.formats import load
 from replay.logs.rotor_speeds import believable, believable_escs

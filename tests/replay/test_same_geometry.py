@@ -27,8 +27,8 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import Attitude, Range, RangeVerdict
 from companion.vehicles import default_vehicle
 from models.air_state import AirState
+from models.common.frames import quaternion_from_euler, rotation_from_quaternion, rotation_rows
 from models.effects import AdoptedEffect, Context, adopted_wrench
-from models.frames import quaternion_from_euler, rotation_from_quaternion, rotation_rows
 from models.vehicle import Rangefinder, Vehicle
 from replay.flightlog import Beam, FlightLog, Series
 from replay.residual.distances import distances

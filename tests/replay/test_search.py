@@ -14,8 +14,8 @@ import pytest
 from diagnose_noise import coloured, noise_record
 
 import replay.search
+from models.common.frames import Array
 from models.effects import Effect, adopted_wrench, catalogue, get
-from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results

@@ -11,7 +11,7 @@ import pytest
 from log_writers import BinWriter, UlgWriter, bin_flight, frame, heartbeat, write_tlog
 
 from companion.mavlink.dialect import mavlink
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from replay import load
 from replay.cli import main
 from replay.flightlog import FlightLog, ImuRecord, Lane, Series, Stated

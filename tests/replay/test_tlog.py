@@ -14,7 +14,7 @@ from pymavlink import mavutil
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.message_table import LAYOUTS, columns
 from companion.mavlink.wire_frames import cut
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.logs.tlog import read_tlog, repair_stamps
 from replay.logs.tlog_vehicle import choose
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from log_writers import UlgWriter, ulg_flight
 
-from models.errors import LogError
+from models.common.errors import LogError
 from replay.flightlog import FlightLog
 from replay.logs.formats import load
 from replay.logs.ulg_repair import repaired

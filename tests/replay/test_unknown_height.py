@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion.mavlink.samples import RangeVerdict
-from models.frames import Array
+from models.common.frames import Array
 from models.vehicle import Vehicle, load_vehicle
 from replay.flightlog import Beam, FlightLog
 from replay.residual.record import Record, build_record

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import LogError
+from models.common.errors import LogError
 from models.vehicle import Vehicle, load_vehicle
-from models.vehicle_setup.rotor_speed import Hover, misread
+from models.vehicle.rotor_speed import Hover, misread
 from replay.flightlog import EscRecord, FlightLog, Series
 from replay.residual.record import Record, build_record
 from replay.sources.choose import chosen

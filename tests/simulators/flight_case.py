@@ -24,7 +24,7 @@ from companion.sim.fan_wrench import Vec
 from companion.sim.flight import SimulatedFlight
 from companion.sim.link import COMPANION, SYSTEM
 from companion.sim.scenario import Scenario, Waypoint, lip_reach, wall_azimuth
-from models.errors import LinkError
+from models.common.errors import LinkError
 from models.vehicle import Vehicle
 
 POSITION_ONLY = 0x38 | 0x1C0 | 0x400 | 0x800

@@ -22,7 +22,7 @@ from companion.sim.autopilot import (
 )
 from companion.sim.body import MotorOutput
 from companion.sim.sensors import Estimate
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import Vehicle
 
 STREAM_BEFORE_S = 1.0

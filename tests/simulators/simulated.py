@@ -16,7 +16,7 @@ from companion.sim.autopilot import Mode
 from companion.sim.flight import SimulatedFlight
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import Scenario
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 from models.vehicle import Vehicle
 
 

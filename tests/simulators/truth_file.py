@@ -12,8 +12,8 @@ import numpy as np
 from companion.sim.body import DT
 from companion.sim.flight import SimulatedFlight
 from companion.sim.scenario import lip_reach
-from models.errors import ConfigError
-from models.frames import Array
+from models.common.errors import ConfigError
+from models.common.frames import Array
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

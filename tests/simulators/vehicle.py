@@ -15,7 +15,7 @@ from companion.sim.pilot import ScriptedPilot
 from companion.sim.process import launch
 from companion.sim.scenario import NAMES, build
 from companion.vehicles import chosen_vehicle
-from models.errors import UserError
+from models.common.errors import UserError
 
 
 def parser() -> argparse.ArgumentParser:

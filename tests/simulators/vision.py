@@ -12,7 +12,7 @@ from gps import GpsEstimator
 from companion.sim.body import Body
 from companion.sim.fan_wrench import Vec
 from companion.sim.sensors import Estimate
-from models.frames import GRAVITY, rotation_rows
+from models.common.frames import GRAVITY, rotation_rows
 
 _PERIOD_S, _LATE_S = 1.0 / 30.0, 0.06
 _DRIFT, _RELOCALISED_S = 0.02, 10.0

@@ -21,7 +21,7 @@ from result_file import add_option, counted, figure, write_result
 from companion.adapt_options import Adapt
 from faults.campaign import STACKS, Fault, Result, complaints
 from faults.catalog import BY_NAME, FAULTS, fly_named
-from models.progress import Bars
+from models.common.progress import Bars
 
 HEAD = (
     f"{'fault':28}{'stack':10}{'noticed s':>10}  {'by':22}{'thrust':>7}{'tilt °':>7}{'off m':>7}{'contact':>8}"

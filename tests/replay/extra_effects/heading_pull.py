@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.common.frames import Array
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect
-from models.frames import Array
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:

@@ -5,40 +5,17 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from models.text_file import read_text
-from models.toml_table import Table
-from models.vehicle_plausibility import findings
-from models.vehicle_types import (
-    RHO_SEA_LEVEL,
-    Fan,
-    Limits,
-    Rangefinder,
-    Rotor,
-    Throttle,
-    Vane,
-    Vector3,
-    Vehicle,
-)
-
-__all__ = [
-    "RHO_SEA_LEVEL",
-    "Fan",
-    "Limits",
-    "Rangefinder",
-    "Rotor",
-    "Throttle",
-    "Vane",
-    "Vector3",
-    "Vehicle",
-]
-__all__ += ["load_vehicle", "parse_vehicle"]
+from models.common.text_file import read_text
+from models.common.toml_table import Table
+from models.vehicle.plausibility import findings
+from models.vehicle.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehicle
 
 
 def load_vehicle(path: Path | str) -> Vehicle:
     """Read and check a vehicle file.
 
     Raises ConfigError naming the file and the key: unreadable, not TOML, unknown or missing key, impossible value, a
-    vehicle that cannot be (models/vehicle_plausibility.py, which also has the warnings about an odd one).
+    vehicle that cannot be (models/vehicle/plausibility.py, which also has the warnings about an odd one).
     """
     return parse_vehicle(read_text("vehicle file", Path(path)), str(path))
 

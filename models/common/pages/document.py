@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from models.pages.svg import STYLE
-from models.text_file import make_folder, write_text
+from models.common.pages.svg import STYLE
+from models.common.text_file import make_folder, write_text
 
 PAGE_STYLE = STYLE + Path(__file__).with_name("page.css").read_text("utf-8")
 """Of every page."""

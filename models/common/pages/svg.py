@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from models.frames import Array
+from models.common.frames import Array
 
 WIDTH = 400
 HEIGHT = 190

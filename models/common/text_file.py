@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError, UserError
+from models.common.errors import ConfigError, UserError
 
 
 def read_text(what: str, path: Path, kind: type[UserError] = ConfigError) -> str:

@@ -9,10 +9,10 @@ from itertools import combinations
 
 import numpy as np
 
-from models.frames import GRAVITY, Array
+from models.common.frames import GRAVITY, Array
 from models.vehicle import RHO_SEA_LEVEL, Vector3
-from models.vehicle_setup.motor_layouts import Motor
-from models.vehicle_setup.motor_outputs import AUX, CAN, MAIN
+from models.vehicle.motor_layouts import Motor
+from models.vehicle.motor_outputs import AUX, CAN, MAIN
 
 OPEN_ROTOR_CT = 0.0130
 """C_T = T/(rho A Omega^2 R^2) of an open two-blade propeller in hover; 0.010 to 0.017 were measured on propellers of

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import NamedTuple
 
-from models.frames import GRAVITY
-from models.vehicle_types import RHO_SEA_LEVEL, Vehicle
+from models.common.frames import GRAVITY
+from models.vehicle.vehicle import RHO_SEA_LEVEL, Vehicle
 
 _DISC_LOADING_N_M2 = (3.0, 3000.0)
 """Weight over disc area. Crazyflie 40, camera quadrotors 50 to 100, ducted fans 250, electric jets 1500 N/m^2."""

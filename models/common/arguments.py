@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from models.errors import ConfigError, UserError
+from models.common.errors import ConfigError, UserError
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""

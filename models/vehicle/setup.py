@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from models.vehicle import Fan, Rangefinder, Rotor, Throttle, Vehicle
-from models.vehicle_plausibility import target_of
-from models.vehicle_setup.estimate import (
+from models.vehicle.estimate import (
     OPEN_ROTOR_CT,
     inertia,
     max_thrust,
     pwm_range,
     throttle_output,
 )
-from models.vehicle_setup.motor_layouts import Motor
+from models.vehicle.motor_layouts import Motor
+from models.vehicle.plausibility import target_of
 
 COMMON_PROPELLERS = "0.4 to 0.9 for common propellers"
 USUAL_PULSES = "usual pulses, from 1000 us"

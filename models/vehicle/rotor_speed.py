@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from models.frames import GRAVITY
+from models.common.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL
-from models.vehicle_setup.estimate import OPEN_ROTOR_CT
+from models.vehicle.estimate import OPEN_ROTOR_CT
 
 DISC_LOADING = (20.0, 350.0)
 """Weight over disc area of all places [N/m^2]: 18-inch quadrotors for endurance 24, small and camera quadrotors 40 to

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from models.toml_table import Bounds, Options, above
+from models.common.toml_table import Bounds, Options, above
 
 NO_ORIENTATION = 255  # no MAV_SENSOR_ORIENTATION
 MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from types import UnionType
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
-from models.errors import ConfigError
+from models.common.errors import ConfigError
 
 Record = TypeVar("Record")
 

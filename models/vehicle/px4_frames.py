@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from models.vehicle_setup.ardupilot_frames import SaidFrame
-from models.vehicle_setup.motor_layouts import CCW, CW, FRAMES, Frame, Motor
+from models.vehicle.ardupilot_frames import SaidFrame
+from models.vehicle.motor_layouts import CCW, CW, FRAMES, Frame, Motor
 
 _AUTOSTART = {
     4001: "quad-x", 4010: "quad-x", 4011: "quad-x", 4012: "quad-x", 4014: "quad-x", 4015: "quad-x", 4050: "quad-x",

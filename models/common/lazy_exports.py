@@ -15,7 +15,7 @@ def exports(
 
     def get(name: str) -> Any:
         if name == "__version__":
-            from models.arguments import installed_version
+            from models.common.arguments import installed_version
 
             return installed_version()
         if name not in homes:

@@ -1,1 +1,0 @@
-"""First numbers of a vehicle: frames, typical sizes, estimates, and the text of a vehicle file."""
