@@ -94,11 +94,25 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
 def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
     """Rate of the slowest rotor speed, or of the outputs where they declare the thrust; inf without either."""
     if vehicle.telemetered:
-        series = [
-            log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs
-        ]
-        return min((s.rate_hz for s in series if s is not None), default=np.inf)
-    return log.servo.rate_hz if log.servo is not None else np.inf
+        numbers = [r.esc for r in vehicle.rotors if r.esc in log.escs]
+        speeds = [log.escs[number].rpm for number in numbers]
+        return min((carried_hz(series) for series in speeds if series is not None), default=np.inf)
+    return carried_hz(log.servo) if log.servo is not None else np.inf
+
+
+def carried_hz(series: Series) -> float:
+    """One over the step in which the record is in the middle of its time; NaN below two samples.
+
+    Samples that are missing now and then leave the median step as it is, and yet half of the time may lie in longer
+    steps. Steps beyond ``MAX_GAP_S`` are not bridged, so they do not count.
+    """
+    steps = np.sort(np.diff(series.t_s))
+    bridged = steps[steps <= MAX_GAP_S]
+    if not len(bridged):
+        return series.rate_hz
+    elapsed = np.cumsum(bridged)
+    middle = np.searchsorted(elapsed, 0.5 * elapsed[-1])
+    return float(1.0 / bridged[middle])
 
 
 def judged_axes(motion: Trajectory, vehicle: Vehicle) -> tuple[list[int], list[str]]:
