@@ -150,6 +150,21 @@ class EscRecord:
     temperature_c: Series | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class MotorLoss:
+    """Thrust that a motor loses in flight, from a moment on."""
+
+    motors: tuple[int, ...]
+    """By number; several where one of them fails."""
+    share: float
+    """Of its thrust."""
+    interval: tuple[float, float]
+    """Of the share, 95 %."""
+    probability: float
+    explains: float = 0.0
+    """Share of the residual after the beginning that the loss removes; 0 where the rotor's speed tells the loss."""
+
+
 @dataclass(frozen=True)
 class LogFault:
     """A channel that is not to be believed, and why."""
@@ -158,8 +173,13 @@ class LogFault:
     what: str
     since_s: float | None = None
     """When it begins [s, boot axis], where it does in flight."""
-    motors: tuple[int, ...] = ()
-    """Motors that fail, by number; several where one of them does."""
+    loss: MotorLoss | None = None
+    """Where a motor fails."""
+
+    @property
+    def motors(self) -> tuple[int, ...]:
+        """Motors that fail, by number; several where one of them does."""
+        return () if self.loss is None else self.loss.motors
 
     def as_json(self) -> dict[str, Any]:
         """The keys of ``log_faults``: what a fault does not have is left out."""

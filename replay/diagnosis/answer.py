@@ -12,6 +12,7 @@ from models.common.frames import AXES, Array
 from models.effects import AdoptedEffect, InFlight
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import of_one_wind, to_adopt
+from replay.diagnosis.motor_losses import loss_json, loss_text
 from replay.diagnosis.weights import in_shares, least_in_shares, scale
 from replay.diagnosis.words import (
     class_text,
@@ -68,6 +69,11 @@ class Diagnosis(Searched):
     def numbers_of(self, found: Found) -> tuple[IntervalEstimate, ...]:
         """The parameters of an effect as they are said."""
         return in_shares(found.estimates, self.vehicle)
+
+    @property
+    def motor_losses(self) -> tuple[LogFault, ...]:
+        """Motors that fail in flight: effects that begin."""
+        return tuple(fault for fault in self.faults if fault.loss is not None)
 
     @property
     def could_have_seen(self) -> tuple[Visible, ...]:
@@ -150,7 +156,10 @@ class Diagnosis(Searched):
                     | _of_weight([before[i], after[i]], self.unit(i)[1])
                     for i in judged
                 },
-                "effects": [_effect(f, self) for f in self.found],
+                "effects": [
+                    *(loss_json(fault) for fault in self.motor_losses),
+                    *(_effect(f, self) for f in self.found),
+                ],
                 "aliases": self.aliases,
                 "unexplained": {
                     "rms": {AXES[i]: after[i] for i in judged},
@@ -195,7 +204,8 @@ class Diagnosis(Searched):
         after = self._said_rms(after=True)
         seconds = sum(r.seconds for r in self.records)
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
-        lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults]
+        lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults if not f.loss]
+        lines += [text for fault in self.motor_losses for text in loss_text(fault)]
         lines += [
             f"  {AXES[i]:3s} {size_text(before[i]):>8s} -> {size_text(after[i]):>8s} {unit_words(self.unit(i)[1])}"
             for i in range(6)

@@ -56,12 +56,14 @@ def conclude(
     searched = summarise(walk(records, catalogue() if effects is None else effects))
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
+    faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
+    named = bool(searched.found) or any(fault.loss is not None for fault in faults)
     verdict = {
         (False, False): "nothing_missing",
         (False, True): "unexplained",
         (True, False): "explained",
         (True, True): "partly_explained",
-    }[bool(searched.found), open_]
+    }[named, open_]
     if not any(r.axes for r in records):
         verdict = "not_judged"
     all_notes = [
@@ -70,7 +72,6 @@ def conclude(
         *_remarks(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
-    faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
     answer = Diagnosis(
         traces=searched.traces,
         found=searched.found,

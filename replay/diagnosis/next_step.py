@@ -30,8 +30,15 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
     names = listed([plain(f.effect.name) for f in answer.found])
     faults = [
         *((f["channel"], f["what"]) for f in model_faults),
-        *((f.channel, f.what) for f in answer.faults),
+        *((f.channel, f.what) for f in answer.faults if f.loss is None),
     ]
+    if answer.motor_losses:
+        return NextStep(
+            "A motor fails in flight.",
+            "Look at this motor, its ESC, its propeller and their wiring before the next flight.",
+            tuple(f"{fault.what}." for fault in answer.motor_losses),
+            bad=True,
+        )
     if faults:
         wrong = tuple(f"{channel_words(channel)}: {what}." for channel, what in faults)
         action = "Check this in the log and the vehicle file first: the effects below may follow from it."

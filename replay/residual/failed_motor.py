@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from models.common.frames import GRAVITY, Array
 from models.effects import Context
@@ -79,14 +80,22 @@ _BY_AXIS = np.stack([_GAINS, _GAINS, np.ones(len(_GAINS))], axis=1)
 """The inertia does not change the lift."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Failure:
     """Motors, one of which gives ``share`` less from ``since_s`` on (indices of fans); log odds against none."""
 
     fans: tuple[int, ...]
     since_s: float
     share: float
+    share_sd: float
     log_odds: float
+    explains: float
+    """Share of what is left after the beginning that the loss removes."""
+
+    @property
+    def probability(self) -> float:
+        """Of the failure against none: p = 1 / (1 + exp(-log odds))."""
+        return float(expit(self.log_odds))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,10 +237,9 @@ def _spread(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Compared:
-    """Log likelihoods on the rows after a beginning: by motor, and of what else there is; and the likeliest shares."""
+    """Log likelihoods on the rows after a beginning: by motor, and of what else there is."""
 
     lost: Array
-    shares: Array
     none: float
     pushed: float
     struck: float
@@ -305,35 +313,42 @@ def _compare(
     pushed = _evidence(after.left, after.var, wide) + prior
     struck = _evidence(after.left, after.var + STRUCK**2, after.slow) + prior
     lost = []
-    shares = []
     for k in range(signals.by_fan.shape[1]):
         gone, var = after.of_motor(signals, k)
-        share = _share(after.left, gone, var, after.slow)
+        share, _ = _share(after.left, gone, var, after.slow)
         rest = after.left + share[:, None, None] * gone
         each = _evidence(rest, var, after.slow) + prior
         lost.append(_sum(each))
-        shares.append(float(share[int(each.argmax())]))
-    return _Compared(np.array(lost), np.array(shares), _sum(none), _sum(pushed), _sum(struck))
+    return _Compared(np.array(lost), _sum(none), _sum(pushed), _sum(struck))
+
+
+@dataclass(frozen=True)
+class _Loss:
+    """Share of its thrust that a motor loses, and the share of what is left that this explains."""
+
+    share: float
+    share_sd: float
+    explains: float
 
 
 def _stands(
     signals: _Signals, noise: _Noise, prior: Array, start: int, begin: int, end: int, k: int
-) -> bool:
-    """Whether the loss explains what follows: all of it within its noise, and no part better without it.
+) -> _Loss | None:
+    """The loss, where it explains what follows: all of it within its noise, and no part better without it.
 
     A motor that failed does not recover; what does was a manoeuvre, or a blow.
     """
     after = _after(signals, noise, start, begin, end)
     if after is None:
-        return False
+        return None
     gone, var = after.of_motor(signals, k)
-    share = _share(after.left, gone, var, after.slow)
+    share, spread = _share(after.left, gone, var, after.slow)
     rest = after.left + share[:, None, None] * gone
     each = _evidence(rest, var, after.slow) + after.earlier + prior
     best = int(each.argmax())
     misfit = float((rest[best] ** 2 / (var + after.slow)).mean())
     if misfit > WORST_MISFIT:
-        return False
+        return None
     without = _evidence(after.left, after.var, after.slow) + after.earlier + prior
     free = int(without.argmax())
     part = max(round(PART_S / signals.step_s), FEWEST)
@@ -342,8 +357,10 @@ def _stands(
         mine = _evidence(rest[best : best + 1, rows], var[rows], after.slow)
         others = _evidence(after.left[free : free + 1, rows], after.var[rows], after.slow)
         if float(others[0] - mine[0]) > RECOVERS:
-            return False
-    return True
+            return None
+    before = float((after.left[best] ** 2 / var).sum())
+    left = float((rest[best] ** 2 / var).sum())
+    return _Loss(float(share[best]), float(spread[best]), max(1.0 - left / max(before, 1e-12), 0.0))
 
 
 def _before(
@@ -368,8 +385,8 @@ def _evidence(left: Array, var: Array, slow: Array) -> Array:
     return np.asarray(-0.5 * TRUST * (square + log_det).sum(axis=-1))
 
 
-def _share(left: Array, gone: Array, var: Array, slow: Array) -> Array:
-    """Likeliest share (gains,) within its bounds."""
+def _share(left: Array, gone: Array, var: Array, slow: Array) -> tuple[Array, Array]:
+    """Likeliest share (gains,) within its bounds, and its standard deviation."""
     weight = 1.0 / var
     total = weight.sum(axis=0)
     shrink = slow / (1.0 + slow * total)
@@ -377,8 +394,9 @@ def _share(left: Array, gone: Array, var: Array, slow: Array) -> Array:
     cross -= (left * weight).sum(axis=1) * (gone * weight).sum(axis=1) * shrink
     own = (gone**2 * weight).sum(axis=1)
     own -= (gone * weight).sum(axis=1) ** 2 * shrink
-    share = -cross.sum(axis=-1) / np.maximum(own.sum(axis=-1), 1e-12)
-    return np.asarray(np.clip(share, LEAST_SHARE, 1.0))
+    known = np.maximum(own.sum(axis=-1), 1e-12)
+    share = np.clip(-cross.sum(axis=-1) / known, LEAST_SHARE, 1.0)
+    return np.asarray(share), np.asarray(1.0 / np.sqrt(TRUST * known))
 
 
 def _sum(logs: Array) -> float:
@@ -456,11 +474,14 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     if not odds >= SURE or not 1 <= len(close) <= 2:
         return None
     at = int(lost[:, first].argmax())
-    if not _stands(signals, noise, prior, start, rows[at], end, first):
+    stands = _stands(signals, noise, prior, start, rows[at], end, first)
+    if stands is None:
         return None
     return Failure(
         fans=tuple(sorted(close)),
         since_s=float(signals.time_s[rows[at]]),
-        share=float(found[at].shares[first]),
+        share=stands.share,
+        share_sd=stands.share_sd,
         log_odds=odds,
+        explains=stands.explains,
     )

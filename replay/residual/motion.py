@@ -94,8 +94,8 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
 def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
     """Rate of the slowest rotor speed, or of the outputs where they declare the thrust; inf without either."""
     if vehicle.telemetered:
-        numbers = [r.esc for r in vehicle.rotors if r.esc in log.escs]
-        speeds = [log.escs[number].rpm for number in numbers]
+        numbers = {rotor.esc for rotor in vehicle.rotors}
+        speeds = [esc.rpm for number, esc in log.escs.items() if number in numbers]
         return min((carried_hz(series) for series in speeds if series is not None), default=np.inf)
     return carried_hz(log.servo) if log.servo is not None else np.inf
 

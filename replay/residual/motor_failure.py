@@ -10,7 +10,7 @@ import numpy as np
 from models.effects import Context
 from models.vehicle import Vehicle
 from models.vehicle.motor_outputs import declared_motors
-from replay.flightlog import FlightLog, LogFault
+from replay.flightlog import FlightLog, LogFault, MotorLoss
 from replay.residual.failed_motor import Failure, evidence_until, failed_motor, places_known
 from replay.residual.grid import Mask
 from replay.residual.lost_speed import Lost, lost_speed, switched_off
@@ -22,6 +22,8 @@ BEFORE_S, ANSWERS = 0.3, 0.15
 """So long before a beginning the outputs are still as usual; and by which share of them above idle one rises."""
 ALL_LOST = 0.85
 """Share of the thrust from which on it is all lost: what is left cannot be told from none."""
+SEEN_SURE = 0.97
+"""Probability of a motor that its speed or output gives away: 35 of 35 in trials, (35 + 1) / (35 + 2) by Laplace."""
 TURNS_RAD_S = 0.3
 """Rate from which on the vehicle is said to turn."""
 ASIDE = 0.3
@@ -81,7 +83,7 @@ def _reassigned(log: FlightLog, ctx: Context, flying: Mask) -> list[LogFault]:
             where = _where(ctx.vehicle, _fan_of_output(ctx.vehicle, output), output)
             what = f"motor {motor}{where} is switched off from {change.t_s:.1f} s on: {change.name} was set to "
             what += f"{change.after:g} (before: {change.before:g})"
-            out.append(LogFault(f"servo_{output}", what, since_s=change.t_s, motors=(motor,)))
+            out.append(_all_lost(f"servo_{output}", what, change.t_s, motor))
     return out
 
 
@@ -105,7 +107,13 @@ def _switched_off(at: _At, off: Lost) -> LogFault:
     output = _output(at.ctx.vehicle, fan)
     named = f"motor {fan + 1}{_where(at.ctx.vehicle, fan, output)}"
     what = f"{named} is switched off from {at.since_s:.1f} s on: its output falls below what a motor gets in flight"
-    return LogFault(f"servo_{output}", what, since_s=at.since_s, motors=(fan + 1,))
+    return _all_lost(f"servo_{output}", what, at.since_s, fan + 1)
+
+
+def _all_lost(channel: str, what: str, since_s: float, motor: int) -> LogFault:
+    """A motor without any thrust, as its speed or its output says."""
+    loss = MotorLoss(motors=(motor,), share=1.0, interval=(ALL_LOST, 1.0), probability=SEEN_SURE)
+    return LogFault(channel, what, since_s, loss)
 
 
 def _lost_speed(at: _At, lost: Lost) -> LogFault:
@@ -122,9 +130,7 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
         how = f"stands from {at.since_s:.1f} s on"
     else:
         how = f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it stalls, or lost step"
-    return LogFault(
-        f"rpm_{number}", named + " " + how + _signs(at, fan), since_s=at.since_s, motors=(fan + 1,)
-    )
+    return _all_lost(f"rpm_{number}", named + " " + how + _signs(at, fan), at.since_s, fan + 1)
 
 
 def _answered(at: _At, output: int) -> bool:
@@ -150,8 +156,15 @@ def _no_thrust(at: _At, failure: Failure) -> LogFault:
     ]
     who = f"motor {named[0]}" if len(named) == 1 else f"one of motors {' and '.join(named)}"
     what = f"{who} gives {loses} from {at.since_s:.1f} s on{_signs(at, failure.fans[0])}"
-    motors = tuple(fan + 1 for fan in failure.fans)
-    return LogFault(f"servo_{outputs[0]}", what, since_s=at.since_s, motors=motors)
+    spread = 1.96 * failure.share_sd
+    loss = MotorLoss(
+        motors=tuple(fan + 1 for fan in failure.fans),
+        share=failure.share,
+        interval=(max(failure.share - spread, 0.0), min(failure.share + spread, 1.0)),
+        probability=failure.probability,
+        explains=failure.explains,
+    )
+    return LogFault(f"servo_{outputs[0]}", what, at.since_s, loss)
 
 
 def _signs(at: _At, fan: int) -> str:

@@ -23,13 +23,15 @@ import numpy as np
 
 from companion.vehicles import chosen_vehicle
 from models.common.errors import UserError
-from replay.flightlog import LogFault
+from replay.flightlog import LogFault, MotorLoss
 from replay.logs.formats import load
 from replay.residual.record import build_record
 from tests.simulators.failing import cases
 from tests.simulators.failing.make import make
 
 WITHIN_S = 1.0
+UNREAD = MotorLoss(motors=(0,), share=1.0, interval=(0.0, 1.0), probability=1.0)
+"""Of a flight that is too short to be judged, whose line names a motor."""
 ANSWERS = ("right", "unsure", "missed", "wrong")
 
 
@@ -40,9 +42,7 @@ def named(log: Path, vehicle: Path) -> Sequence[LogFault]:
         faults = build_record(flown, chosen_vehicle(vehicle), None).faults
     except UserError as error:
         # A flight that is too short still says which motor failed.
-        return (
-            [LogFault("", str(error), since_s=np.nan, motors=(0,))] if "motor" in str(error) else []
-        )
+        return [LogFault("", str(error), np.nan, UNREAD)] if "motor" in str(error) else []
     return [fault for fault in faults if fault.motors]
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from companion.vehicles import chosen_vehicle
 from models.effects import Context
-from replay.flightlog import FlightLog, LogFault, ParameterChange, Series
+from replay.diagnosis.motor_losses import loss_json
+from replay.flightlog import FlightLog, LogFault, MotorLoss, ParameterChange, Series
 from replay.logs.formats import load
 from replay.residual.failed_motor import evidence_of
 from replay.residual.log_state import raw_state
@@ -101,6 +102,27 @@ def test_the_words_say_place_output_and_what_the_vehicle_does(flights: Flights) 
     assert first.what.startswith("motor 4 (rear right, output 4) gives no thrust from ")
     assert "its output rises to 2000 us" in first.what
     assert first.as_json()["motors"] == [4]
+
+
+@pytest.mark.parametrize("speeds", [False, True], ids=["outputs", "speeds"])
+def test_a_motor_that_fails_is_an_effect_that_begins(flights: Flights, speeds: bool) -> None:
+    log = flights.log("stopped", speeds=speeds)
+    first = flights.faults(log, "stopped", speeds=speeds)[0]
+    effect = loss_json(first)
+    assert effect["name"] == "fan_imbalance"
+    assert effect["since_s"] == pytest.approx(BOOT_S + SINCE_S, abs=0.5)
+    assert effect["parameters"]["fan"]["value"] == 4
+    low, high = effect["parameters"]["scale"]["ci95"]
+    assert low <= -1.0 <= high < 0.0
+    assert 0.9 < effect["probability"] < 1.0
+
+
+def test_of_two_motors_the_effect_names_none() -> None:
+    loss = MotorLoss(motors=(1, 3), share=0.5, interval=(0.4, 0.6), probability=0.96)
+    effect = loss_json(LogFault("servo_1", "one of motors 1 and 3 gives less thrust", 12.0, loss))
+    assert effect["parameters"]["fan"]["value"] is None
+    assert effect["parameters"]["fan"]["ci95"] == (1.0, 3.0)
+    assert effect["parameters"]["scale"]["value"] == -0.5
 
 
 def test_a_speed_that_is_lost_while_the_vehicle_flies_on_is_telemetry(flights: Flights) -> None:
