@@ -342,6 +342,8 @@ class Context:
         return self.corners((self.vehicle.rotor_radius_m * forces)[..., None] * TILT, bearing)
 
 
+FROM_S, UNTIL_S = "from_s", "until_s"
+"""Shapes of what begins or ends in flight: the times from and until which it acts [s]."""
 Wrenches = Callable[[Context, tuple[float, ...]], tuple[Array, ...]]
 Grid = Callable[[Context], Sequence[tuple[float, ...]]]
 
@@ -454,6 +456,8 @@ class Effect:
     """Places that are tried, by the flight; None: every combination of what its shapes name."""
     halvings: int = 2
     """How often the grid of its shapes is halved about the best."""
+    may_begin: bool = False
+    """It may begin or end in flight: the search of one flight tries times at which the residual changes."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
     mixing: Callable[[tuple[float, ...]], Array] | None = None
@@ -521,8 +525,31 @@ class Effect:
 
         Times of a log do not carry over: what began in it is there from the start.
         """
-        gone = {c.name for c in self.coefficients if self.of_day(c)} | {"from_s"}
-        return {name: 0.0 if name in gone else value for name, value in parameters.items()}
+        times = {FROM_S, UNTIL_S}
+        gone = {c.name for c in self.coefficients if self.of_day(c)} | times
+        own = {s.name for s in self.shapes}
+        return {
+            name: 0.0 if name in gone else value
+            for name, value in parameters.items()
+            if name not in times or name in own
+        }
+
+    @property
+    def for_a_time(self) -> Effect:
+        """The same with two shapes more: times [s] from and until which it acts; 0 stands for none."""
+
+        def wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+            *own, start, end = shape
+            acts = ctx.state.time_s >= start
+            if end > 0.0:
+                acts = acts & (ctx.state.time_s < end)
+            return tuple(wrench * acts[..., None] for wrench in self.wrenches(ctx, tuple(own)))
+
+        def grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+            return [(*shape, 0.0, 0.0) for shape in self.shape_grid(ctx)]
+
+        times = Shape(FROM_S, "s", kinds=(0.0,)), Shape(UNTIL_S, "s", kinds=(0.0,))
+        return replace(self, shapes=(*self.shapes, *times), wrenches=wrenches, grid=grid)
 
     def next_flight(self, adopted: AdoptedEffect) -> AdoptedEffect:
         """What an amended model takes of it to the next flight."""
@@ -581,6 +608,14 @@ class AdoptedEffect:
     parameters: Mapping[str, float] = field(default_factory=dict)
     without: tuple[str, ...] = ()
     """Axes (body FRD about the CG) on which it does not act: there it made the error of the flights larger."""
+
+
+def when(parameters: Mapping[str, float]) -> str:
+    """``, from 12 s on`` and ``, until 40 s`` of an effect that begins or ends in flight; empty for always."""
+    start = parameters.get(FROM_S, 0.0)
+    end = parameters.get(UNTIL_S, 0.0)
+    out = f", from {start:.0f} s on" if start > 0.0 else ""
+    return out + (f", until {end:.0f} s" if end > 0.0 else "")
 
 
 def decay(distance: Array, length: float) -> Array:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
+from models.effects.effect import Coefficient, Context, Effect, Shape, Shown, when
 from models.effects.pictures import more, over_thrust
 from models.vehicle_wrench import fan_torques, vane_wrench
 
@@ -37,7 +37,7 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
-    return f"fan {p['fan']:.0f} gives {more(p['scale'])} thrust than declared"
+    return f"fan {p['fan']:.0f} gives {more(p['scale'])} thrust than declared{when(p)}"
 
 
 EFFECT = Effect(
@@ -56,6 +56,7 @@ EFFECT = Effect(
     needs_moments=True,
     shapes=(Shape("fan", "1", continuous=False),),
     grid=_grid,
+    may_begin=True,
     aliases=("cg_offset",),
     shown=Shown(over_thrust, _words),
 )

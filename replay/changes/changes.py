@@ -259,8 +259,7 @@ def _changed(effect: Effect, known: bool, today: Context) -> Effect:
 
 def _from_the_start(effect: Effect) -> Effect:
     """What is picked up in flight is no change of the vehicle."""
-    kinds = next((s.kinds for s in effect.shapes if s.kinds), ())
-    return replace(effect, grid=lambda _: tuple((k,) for k in kinds)) if kinds else effect
+    return replace(effect, may_begin=False)
 
 
 def _with_shape(effect: Effect, shape: tuple[float, ...] | None) -> Effect:

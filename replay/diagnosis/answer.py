@@ -10,6 +10,7 @@ import numpy as np
 
 from models.common.frames import AXES, Array
 from models.effects import AdoptedEffect, InFlight
+from models.effects.effect import FROM_S, UNTIL_S
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import of_one_wind, to_adopt
 from replay.diagnosis.motor_losses import loss_json, loss_text
@@ -67,8 +68,10 @@ class Diagnosis(Searched):
         return scale(UNITS[axis], self.vehicle)
 
     def numbers_of(self, found: Found) -> tuple[IntervalEstimate, ...]:
-        """The parameters of an effect as they are said."""
-        return in_shares(found.estimates, self.vehicle)
+        """The parameters of an effect as they are said; of what may begin, only times at which it does."""
+        always = {FROM_S, UNTIL_S} if found.effect.may_begin else set()
+        said = [e for e in found.estimates if e.value or e.name not in always]
+        return in_shares(said, self.vehicle)
 
     @property
     def motor_losses(self) -> tuple[LogFault, ...]:
@@ -308,6 +311,9 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
         "equation": f.effect.equation,
         "sign": f.effect.sign,
     }
+    for key, time in (("since_s", FROM_S), ("until_s", UNTIL_S)):
+        if f.parameters.get(time, 0.0) > 0.0:
+            out[key] = f.parameters[time]
     if f.without:
         out["without"] = f.without
     if f.small:
