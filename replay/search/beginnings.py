@@ -10,8 +10,10 @@ from models.common.frames import Array
 from replay.residual.record import Record
 from replay.search.channel import Columns
 
-BESIDE_S = 3.0
-"""Flight that is judged before a beginning, after an end, and between both."""
+BESIDE_S = 8.0
+"""Flight that is judged before and after a time: after the start the ground lifts, and the pack is not settled."""
+SHORTEST_S = 3.0
+"""Between a beginning and an end."""
 MOST_TIMES = 400
 """Times that are looked at, evenly over the flight."""
 ABOUT_S = 2.0
@@ -44,7 +46,7 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
     left = np.maximum(b - b**2 / whole, 1e-9 * whole)
     gain = (d - b * before_cross[-1] / whole) ** 2 / left
     judged = np.concatenate([[0.0], np.cumsum(record.valid) * record.step_s])[edges]
-    long_enough = judged[None, :] - judged[:, None] > BESIDE_S
+    long_enough = judged[None, :] - judged[:, None] > SHORTEST_S
     gain = np.where(long_enough, gain, -np.inf)
     time_s = record.time_s[rows]
     out: set[tuple[float, float]] = set()
@@ -58,7 +60,7 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
     if np.isfinite(gain[inner, inner][both]):
         first, second = (int(i) for i in both)
         pairs = product(_about(time_s, first), _about(time_s, second))
-        out |= {pair for pair in pairs if pair[1] - pair[0] > BESIDE_S}
+        out |= {pair for pair in pairs if pair[1] - pair[0] > SHORTEST_S}
     return sorted(out)
 
 

@@ -53,7 +53,7 @@ def test_a_shipped_model_is_found_by_name_unless_a_directory_has_it(
 def test_adopted_effects_survive(directory: Path) -> None:
     effects = (
         AdoptedEffect("ceiling", {"gain": 1.1, "scale": 1.0}),
-        AdoptedEffect("payload", {"mass": 0.2, "from_s": 0}),
+        AdoptedEffect("payload", {"mass": 0.2}),
     )
     models.save_model(directory, models.load(directory).with_effects(effects))
     back = models.load(directory)

@@ -39,7 +39,7 @@ def saved(tmp_path: Path, log: Path, *effects: AdoptedEffect):
 
 
 def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Path) -> None:
-    payload = AdoptedEffect("payload", {"mass": 0.4, "from_s": 12.0})
+    payload = AdoptedEffect("payload", {"mass": 0.4, "from_s": 12.0, "until_s": 40.0})
     model = saved(
         tmp_path,
         log,
@@ -55,7 +55,7 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
     of_day = model.info["of_day"]
     assert of_day["wind"] == {"spread": {"north": 4.0, "east": 4.0}, "shape": {"above_radii": 0.5}}
     assert of_day["payload"]["spread"]["mass"] == pytest.approx(0.15 * default_vehicle().mass_kg)
-    assert known_day(model)["payload"] == {"from_s": 0.0}
+    assert known_day(model)["payload"] == {}
 
 
 def test_the_model_knows_the_logs_that_it_was_made_from(tmp_path: Path, log: Path) -> None:

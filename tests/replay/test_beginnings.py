@@ -40,6 +40,29 @@ def test_the_time_is_suggested_by_the_residual(quiet: Record) -> None:
     assert min(abs(start - middle) for start in begun) < 1.0
 
 
+def test_nothing_begins_right_after_the_start_or_ends_right_before_the_end(quiet: Record) -> None:
+    """The ground lifts and the pack is not settled: the first seconds in the air pass for a lighter vehicle."""
+    wrench = np.nan_to_num(get("payload").regressors(quiet.context, ()))[..., 0]
+    soon = float(quiet.time_s[0]) + 4.0
+    light = replace(quiet, residual=quiet.residual + 0.3 * wrench * (quiet.time_s > soon)[:, None])
+    times = [time for pair in times_of(light, wrench) for time in pair if time > 0.0]
+    assert min(times) >= float(quiet.time_s[0]) + 8.0
+    assert max(times) <= float(quiet.time_s[-1]) - 8.0
+
+
+@pytest.mark.parametrize("until", [False, True], ids=["picked up", "dropped"])
+def test_a_load_that_comes_or_goes_is_named_with_its_time(quiet: Record, until: bool) -> None:
+    middle = float(quiet.time_s[400]) + 0.7
+    carried = (quiet.time_s < middle) if until else (quiet.time_s >= middle)
+    wrench = np.nan_to_num(get("payload").regressors(quiet.context, ()))[..., 0]
+    load = replace(quiet, residual=quiet.residual + 0.3 * wrench * carried[:, None])
+    (entry,) = conclude([load], effects=EFFECTS).as_json(None)["effects"]
+    assert entry["name"] == "payload"
+    assert entry["until_s" if until else "since_s"] == pytest.approx(middle, abs=1.0)
+    low, high = entry["parameters"]["mass_kg"]["ci95"]
+    assert low <= 0.3 <= high
+
+
 def test_a_fan_that_gets_weak_in_flight_has_its_beginning_in_the_answer(quiet: Record) -> None:
     middle = float(quiet.time_s[400]) + 0.7
     answer = conclude([weakened(quiet, 2.0, middle)], effects=EFFECTS)

@@ -131,7 +131,7 @@ def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record
 @pytest.mark.parametrize(
     ("name", "shape", "sizes", "said"),
     [
-        ("payload", (0.0,), (0.3,), {"mass_kg": 0.3}),
+        ("payload", (), (0.3,), {"mass_kg": 0.3}),
         ("slung_load", (0.55,), (0.2, 0.25, 0.0), {"mass_kg": 0.25, "length_m": 0.55}),
     ],
 )
@@ -155,7 +155,7 @@ def assumed(record: Record) -> Record:
 
 
 def test_without_a_known_mass_sizes_are_shares_of_the_weight_everywhere(quiet: Record) -> None:
-    load = added(quiet, "payload", (0.0,), 0.1 * quiet.context.vehicle.mass_kg)
+    load = added(quiet, "payload", (), 0.1 * quiet.context.vehicle.mass_kg)
     effects = some("payload", "rotor_drag", "contact")
     answer = conclude([assumed(load)], effects=effects)
     said = told(answer)

@@ -290,7 +290,10 @@ def test_a_range_offset_is_reported_in_metres(quiet: Record) -> None:
 
 def test_a_moment_in_time_has_an_interval_that_holds_it(quiet: Record) -> None:
     middle = float(quiet.time_s[400]) + 0.7
-    answer = search(added(quiet, "payload", (middle,), 0.3), some("payload", "thrust_scale"))
+    carried = added(quiet, "payload", (), 0.3)
+    late = (quiet.time_s >= middle)[:, None]
+    picked_up = replace(quiet, residual=np.where(late, carried.residual, quiet.residual))
+    answer = search(picked_up, some("payload", "thrust_scale"))
     assert names(answer) == {"payload"}
     low, _, high = estimate(answer, "payload", "from_s")
     assert low <= middle <= high
@@ -677,7 +680,7 @@ def test_a_scale_with_a_little_drift_stays_a_scale(quiet: Record) -> None:
 def test_flights_share_what_is_of_the_vehicle_and_not_what_is_of_the_day(quiet: Record) -> None:
     other = noise_record(12, 90.0, 0.3)
     both = [added(r, "rotor_drag", (0.5,), 0.6, 0.0) for r in (quiet, other)]
-    both[1] = added(both[1], "payload", (0.0,), 0.4)
+    both[1] = added(both[1], "payload", (), 0.4)
     answer = search(both, some("rotor_drag", "payload", "cg_offset"))
     assert names(answer) == {"rotor_drag", "payload"}
     assert set(found(answer, "rotor_drag").of_flight) == {0, 1}
