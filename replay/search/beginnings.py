@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
 
 import numpy as np
@@ -12,8 +13,10 @@ from replay.search.channel import Columns
 
 BESIDE_S = 8.0
 """Flight that is judged before and after a time: after the start the ground lifts, and the pack is not settled."""
-SHORTEST_S = 3.0
-"""Between a beginning and an end."""
+SHORTEST_S = 8.0
+"""Between a beginning and an end: what is shorter is a gust, or the wake of another vehicle."""
+CHANCE = 0.1
+"""Probability that what is there begins in this flight, and as much that it ends."""
 MOST_TIMES = 400
 """Times that are looked at, evenly over the flight."""
 ABOUT_S = 2.0
@@ -62,6 +65,12 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
         pairs = product(_about(time_s, first), _about(time_s, second))
         out |= {pair for pair in pairs if pair[1] - pair[0] > SHORTEST_S}
     return sorted(out)
+
+
+def log_chance(record: Record, times: tuple[float, float]) -> float:
+    """Log prior of a beginning and an end: each is at any time of the flight, ``ABOUT_S`` long, or there is none."""
+    count = sum(time > NONE_S for time in times)
+    return count * math.log(CHANCE * ABOUT_S / max(record.seconds, ABOUT_S))
 
 
 def _products(record: Record, wrench: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, groupby, zip_longest
@@ -12,7 +12,7 @@ import numpy as np
 from models.common.frames import AXES, Array
 from models.effects import Effect
 from replay.residual.record import Record
-from replay.search.beginnings import times_of
+from replay.search.beginnings import NONE_S, log_chance, times_of
 from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
 from replay.search.curves import AMPLITUDE, ATTITUDE, Curve, curves
 from replay.search.noise_spectra import runs
@@ -191,24 +191,24 @@ class Library:
     def _add_effect(self, effect: Effect, usable: Sequence[int]) -> None:
         groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
         for flight, flights in groups:
-            begins = effect.may_begin and (effect.all_of_day or len(self.records) == 1)
-            if begins:
-                effect = effect.for_a_time
             shapes = list(dict.fromkeys(effect.shape_grid(self.records[flights[0]].context)))
-            if begins:
-                shapes += self._begun(effect, flights[0], shapes)
-            for shape, log_shape in zip(shapes, log_shapes(effect, shapes), strict=True):
+            priors = dict(zip(shapes, log_shapes(effect, shapes), strict=True))
+            if effect.may_begin and (effect.all_of_day or len(self.records) == 1):
+                effect = effect.for_a_time
+                priors = self._begun(effect, flights[0], priors)
+            for shape, log_shape in priors.items():
                 self._add(effect, flight, flights, shape, log_shape)
 
     def _begun(
-        self, effect: Effect, flight: int, shapes: Sequence[tuple[float, ...]]
-    ) -> list[tuple[float, ...]]:
-        """The same shapes for times between which the residual of a flight changes."""
+        self, effect: Effect, flight: int, priors: Mapping[tuple[float, ...], float]
+    ) -> dict[tuple[float, ...], float]:
+        """Shapes with their log priors, all the time and for times between which a flight's residual changes."""
         record = self.records[flight]
-        out = []
-        for shape in shapes:
-            wrench = regressors_of(effect, record, shape)[..., 0]
-            out += [(*shape[:-2], *times) for times in times_of(record, wrench)]
+        out = {(*shape, NONE_S, NONE_S): log_shape for shape, log_shape in priors.items()}
+        for shape, log_shape in priors.items():
+            wrench = regressors_of(effect, record, (*shape, NONE_S, NONE_S))[..., 0]
+            for times in times_of(record, wrench):
+                out[*shape, *times] = log_shape + log_chance(record, times)
         return out
 
     def _add(

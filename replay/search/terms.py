@@ -159,8 +159,7 @@ def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[floa
     A shape v has exp(-1/2 sum (v_i / typical_i)^2) over the sum of all that are kinds, or of all that are not.
     """
     named = [list(zip(s, effect.shapes, strict=True)) for s in shapes]
-    kind = np.array([all(v in p.kinds for v, p in values if p.kinds) for values in named])
-    kind &= any(p.kinds for p in effect.shapes)
+    kind = np.array([any(v in p.kinds for v, p in values) for values in named])
     weight = np.exp(
         [-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named]
     )
