@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.common.frames import Array
+from models.common.frames import GRAVITY, Array
 from replay.flightlog import LogFault
 from replay.residual.grid import Mask, band, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
@@ -29,6 +29,8 @@ longer, and its share of that over the shorter (a tenth for derivatives), below 
 UPSIDE_DOWN, OVER_S, OVER_SHARE, END_SHARE = 0.3, 0.3, 0.3, 0.8
 """Cosine of the tilt below which nothing flies; for how long; share of the rest of the log, or place of the first in
 the log, from which on it is the end of the flight rather than a flip."""
+BANKED_G = 1.5
+"""Lift over gravity from which on a vehicle at such a tilt flies a banked turn: one that lies or falls feels less."""
 DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is computed from the velocity, not measured")
 
 
@@ -116,6 +118,7 @@ def first_upside_down(motion: Trajectory) -> int | None:
     """First sample of the end of a log that ends upside down."""
     with np.errstate(invalid="ignore"):
         over = motion.rotation[:, 2, 2] < UPSIDE_DOWN
+        over &= -motion.force[:, 2] < BANKED_G * GRAVITY
     if over.sum() < OVER_S * motion.grid.rate:
         return None
     first = int(np.argmax(over))
