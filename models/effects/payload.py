@@ -67,7 +67,7 @@ EFFECT = Effect(
     may_begin=True,
     aliases=("thrust_scale", "air_density"),
     exact=True,
-    chance=0.045,
+    chance=0.028,
     shown=Shown(
         in_words=_words,
         quantities=(Quantity(instead_of="mass", name="mass_kg", unit="kg"),),

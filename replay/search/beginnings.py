@@ -69,8 +69,8 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
 
 def log_chance(record: Record, times: tuple[float, float]) -> float:
     """Log prior of a beginning and an end: each is at any time of the flight, ``ABOUT_S`` long, or there is none."""
-    count = sum(time > NONE_S for time in times)
-    return count * math.log(CHANCE * ABOUT_S / max(record.seconds, ABOUT_S))
+    there = math.log(CHANCE * ABOUT_S / max(record.seconds, ABOUT_S))
+    return sum(there if time > NONE_S else math.log(1.0 - CHANCE) for time in times)
 
 
 def _products(record: Record, wrench: Array) -> tuple[Array, Array]:

@@ -204,10 +204,11 @@ class Library:
     ) -> dict[tuple[float, ...], float]:
         """Shapes with their log priors, all the time and for times between which a flight's residual changes."""
         record = self.records[flight]
-        out = {(*shape, NONE_S, NONE_S): log_shape for shape, log_shape in priors.items()}
+        always = (NONE_S, NONE_S)
+        out = {}
         for shape, log_shape in priors.items():
-            wrench = regressors_of(effect, record, (*shape, NONE_S, NONE_S))[..., 0]
-            for times in times_of(record, wrench):
+            wrench = regressors_of(effect, record, (*shape, *always))[..., 0]
+            for times in (always, *times_of(record, wrench)):
                 out[*shape, *times] = log_shape + log_chance(record, times)
         return out
 
