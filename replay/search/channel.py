@@ -82,6 +82,11 @@ class ResidualChannel:
         """(1 + k, n)."""
         return self._rows.values
 
+    @property
+    def count_of_rows(self) -> int:
+        """1 + k."""
+        return self._rows.count
+
     def add(self, columns: Columns, x: Array) -> None:
         """Columns (n, m) of the library with these numbers."""
         self._append(columns, np.where(self.valid, x.T, 0.0))
@@ -172,7 +177,7 @@ class Whitened:
     def _keep_up(self) -> None:
         """Take in rows that the channel has got."""
         old = self._rows.count
-        count = len(self.channel.rows)
+        count = self.channel.count_of_rows
         if count == old:
             return
         self._rows.append(self._spectrum.whiten(self.channel.rows[old:].T, self.channel.run).T)

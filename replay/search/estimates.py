@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
-from scipy.stats import truncnorm
+from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from models.common.frames import Array
 from models.effects import Context, Effect
@@ -165,8 +165,19 @@ def _within_bounds(mean: float, sd: float, low: float, high: float) -> tuple[flo
     """The part of a 95 % interval within bounds; where hardly any is, that of the normal cut off at them."""
     near, far = np.clip([mean - _SIDE * sd, mean + _SIDE * sd], low, high)
     ends = (low - mean) / sd, (high - mean) / sd
-    tail = truncnorm.ppf((0.025, 0.975), *ends, loc=mean, scale=sd)
-    return min(float(near), float(tail[0])), max(float(far), float(tail[1]))
+    tail = [mean + sd * _cut_off_quantile(p, *ends) for p in (0.025, 0.975)]
+    return min(float(near), tail[0]), max(float(far), tail[1])
+
+
+def _cut_off_quantile(p: float, low: float, high: float) -> float:
+    """Quantile of the standard normal cut off at bounds: F(x) = (1 - p) F(low) + p F(high), in logarithms.
+
+    ``scipy.stats`` has it as well; to import that takes longer than to judge a short flight.
+    """
+    if low > 0.0:  # logarithms are exact in the lower tail
+        return -_cut_off_quantile(1.0 - p, -high, -low)
+    shares = math.log1p(-p) + log_ndtr(low), math.log(p) + log_ndtr(high)
+    return float(ndtri_exp(np.logaddexp(*shares)))
 
 
 def _within(draws: Array, effect: Effect, context: Context) -> Array:

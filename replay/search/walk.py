@@ -22,7 +22,7 @@ from replay.search.terms import Key, Term
 
 MOST, MOST_A_FLIGHT = 9, 3
 """Terms of a set: of one flight, and more for every other."""
-BEAM = 5
+BEAM = 4
 """Sets that are carried on."""
 TRIED = 6
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
