@@ -80,6 +80,8 @@ class Library:
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, Array]] = []
         self.size = 0
+        self.taken_in = 0
+        """Terms that were ever taken in."""
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self.flights = [list(axes) for _, axes in groupby(self.channels, key=lambda c: c.flight)]
         """The channels of every flight that has some: they share its time, and are worked on together."""
@@ -254,6 +256,7 @@ class Library:
         )
 
     def _take_in(self, term: Term) -> None:
+        self.taken_in += 1
         self.numbers_of.setdefault(term.key, []).append(len(self.terms))
         self.terms.append(term)
 

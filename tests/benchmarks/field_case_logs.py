@@ -800,7 +800,9 @@ CASES = (
         parameter_in_flight,
         ".BIN",
         "srikanthgoli1/rrc_fault_tolerant_control simulation-set-1",
-        "the vehicle as its parameters were in flight, a quad-x",
+        "the vehicle as its parameters were in flight, a quad-x; motor 1 is switched off from 26 s on",
+        names=(*DRAG, "fan_imbalance"),
+        says=r"motor 1 \(front right, output 1\) is switched off from",
     ),
     quad_case(
         no_battery_monitor,
