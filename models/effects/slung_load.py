@@ -27,6 +27,10 @@ from models.effects.pictures import mass_words
 DAMPING = 0.04
 DIED_DOWN = 2.0
 """Time constants of the swing that a flight has to last."""
+DENSITY_KG_M3, DENSITY_SPREAD = 1000.0, 0.5
+"""Of a load: water; and the standard deviation of its logarithm."""
+DRAWN = 0
+"""Seed: the same interval for the same answer."""
 ROPES_M = (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)
 
 
@@ -68,8 +72,24 @@ def _lacking(ctx: Context) -> str | None:
     return None if _grid(ctx) else "the flight is too short for a swing to show"
 
 
+def _length(ctx: Context, draws: Mapping[str, Array]) -> Array:
+    """Length of the rope (m,) by that of the pendulum, L = l (1 + D / (m g)): the wash pulls the load down, too.
+
+    In the wash, of twice the induced velocity (momentum theory), a load of cross-section S and drag coefficient 1 has
+    D = (M + m) g S / A, A the rotors' area. S = (m / rho)^(2/3). How much of the wash meets it is not known: 0 to 1.
+    """
+    load = np.maximum(draws["swinging"], 1e-6 * ctx.vehicle.mass_kg)
+    rng = np.random.default_rng(DRAWN)
+    density = DENSITY_KG_M3 * np.exp(DENSITY_SPREAD * rng.standard_normal(len(load)))
+    met = rng.uniform(size=len(load))
+    rotors_m2 = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
+    section_m2 = (load / density) ** (2.0 / 3.0)
+    pulled = met * (1.0 + ctx.vehicle.mass_kg / load) * section_m2 / rotors_m2
+    return np.asarray(draws["rope_m"] * (1.0 + pulled))
+
+
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    load = mass_words(ctx, p["swinging"])
+    load = mass_words(ctx, p["mass_kg"])
     return f"a load of {load} swings on a rope of {p['length_m']:.2f} m"
 
 
@@ -101,8 +121,10 @@ EFFECT = Effect(
     shown=Shown(
         in_words=_words,
         quantities=(
-            Quantity(instead_of="mass", name="mass_kg", unit="kg"),
-            Quantity(instead_of="rope_m", name="length_m", unit="m"),
+            # What swings is the load; what hangs still is told from the level of the thrust by nothing.
+            Quantity(instead_of="swinging", name="mass_kg", unit="kg"),
+            Quantity(instead_of="mass", name="hanging_kg", unit="kg"),
+            Quantity(instead_of="rope_m", name="length_m", unit="m", of=_length),
         ),
     ),
 )

@@ -119,8 +119,17 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
     normal = np.random.default_rng(0).standard_normal((DRAWS, len(mean)))
     draws = _within(mean + (normal @ root) * wider, effect, context)
     by_name = {c.name: draws[:, i] for i, c in enumerate(effect.coefficients)}
-    by_name |= {e.name: np.full(len(draws), e.value) for e in shapes}
+    by_name |= {e.name: _drawn(e, len(draws)) for e in shapes}
     return Sizes(tuple(fitted), said(effect, context, possible, by_name))
+
+
+def _drawn(shape: IntervalEstimate, count: int) -> Array:
+    """Draws (count,) of a shape parameter: normal, with its interval, and within it."""
+    if shape.ci95 is None:
+        return np.full(count, shape.value)
+    low, high = shape.ci95
+    sd = (high - low) / (2.0 * _SIDE)
+    return np.clip(shape.value + sd * np.random.default_rng(1).standard_normal(count), low, high)
 
 
 def said(
