@@ -141,7 +141,10 @@ class Listener:
         self.signed += frame.raw[0] == V2 and bool(frame.raw[2] & 1)
         if frame.id in _POSES:
             self.poses.add(_POSES[frame.id])
-        sample = self.intake.sample(frame, arrival_us) if frame.id in LAYOUTS else None
+        if frame.id in LAYOUTS:
+            sample = self.intake.sample(frame, arrival_us)
+        else:
+            sample = None
         if sample is None:
             return
         self.samples[type(sample)].append(sample)
@@ -244,21 +247,29 @@ def _vehicle_file(setup: CheckSetup) -> Iterator[Item]:
 def _autopilot(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     beat = heard.state.heartbeat
     if beat is None:
-        what = (
-            f"{heard.frames} messages but no HEARTBEAT of an autopilot"
-            if heard.frames
-            else "nothing was heard"
-        )
+        if heard.frames:
+            what = f"{heard.frames} messages but no HEARTBEAT of an autopilot"
+        else:
+            what = "nothing was heard"
         yield Item(
             "autopilot", _FAIL, what, "check endpoint, baud rate, routing and --target-system"
         )
         return
     stack = stack_of(beat)
-    armed = "armed" if beat.armed else "disarmed"
+    if beat.armed:
+        armed = "armed"
+    else:
+        armed = "disarmed"
     yield _judged(
-        "autopilot", f"{stack.name.lower()}, system {heard.intake.system}, {mode_name(beat)}, {armed}",
-        (stack is Stack.OTHER, _FAIL, f": MAV_AUTOPILOT {beat.autopilot} is neither ArduPilot nor PX4", None),
-    )  # fmt: skip
+        "autopilot",
+        f"{stack.name.lower()}, system {heard.intake.system}, {mode_name(beat)}, {armed}",
+        (
+            stack is Stack.OTHER,
+            _FAIL,
+            f": MAV_AUTOPILOT {beat.autopilot} is neither ArduPilot nor PX4",
+            None,
+        ),
+    )
     if heard.intake.others:
         who = ", ".join(map(str, sorted(heard.intake.others)))
         yield Item("other autopilots", _WARN, f"also on the link: system {who}", "--target-system")
@@ -277,12 +288,14 @@ def _parameters(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         options = known.get("GUID_OPTIONS")
         timeout = known.get("GUID_TIMEOUT")
         if options is None:
-            where = (
-                "the autopilot answers no PARAM_REQUEST_READ"
-                if setup.live
-                else "the log does not hold it"
-            )
-            verdict = _FAIL if setup.live else _WARN
+            if setup.live:
+                where = "the autopilot answers no PARAM_REQUEST_READ"
+            else:
+                where = "the log does not hold it"
+            if setup.live:
+                verdict = _FAIL
+            else:
+                verdict = _WARN
             yield Item(
                 "GUID_OPTIONS",
                 verdict,
@@ -311,8 +324,13 @@ def _parameters(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 def _hz(samples: Iterable[Sample]) -> float:
     """Samples per second from the first to the last, stamps that repeat counted once; 0 for fewer than two."""
     stamps = {sample.t_s for sample in samples}
-    span = max(stamps) - min(stamps) if stamps else 0.0
-    return (len(stamps) - 1) / span if span > 0.0 else 0.0
+    if stamps:
+        span = max(stamps) - min(stamps)
+    else:
+        span = 0.0
+    if span > 0.0:
+        return (len(stamps) - 1) / span
+    return 0.0
 
 
 def _rates(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
@@ -339,9 +357,11 @@ def _rate(name: str, message: str, hz: float, least: float, good: float, text: s
         "rate; another station may be turning it down"
     )
     return _judged(
-        name, f"{text}{message} at {hz:.1f} Hz",
-        (hz < least, _FAIL, f", at least {least:g} Hz needed", do), (hz < good, _WARN, f", {good:g} Hz wanted", do),
-    )  # fmt: skip
+        name,
+        f"{text}{message} at {hz:.1f} Hz",
+        (hz < least, _FAIL, f", at least {least:g} Hz needed", do),
+        (hz < good, _WARN, f", {good:g} Hz wanted", do),
+    )
 
 
 def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
@@ -351,7 +371,7 @@ def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         if sensor.target != "none" and not sensor.ring:
             yield _range(sensor, heard)
     if any(sensor.ring for sensor in declared):
-        known = [d for ring in rings for d in ring.distances_m if d == d]
+        known = [d for ring in rings for d in ring.distances_m if not math.isnan(d)]
         text = f"nearest return {min(known, default=math.nan):.2f} m, "
         yield _rate(
             "ring", "OBSTACLE_DISTANCE", _hz(rings) if known else 0.0, _LEAST_HZ, _LEAST_HZ, text
@@ -359,9 +379,11 @@ def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     elif rings:
         count = len(rings[-1].distances_m)
         yield Item(
-            "ring", _WARN, f"OBSTACLE_DISTANCE of {count} directions heard, not in the vehicle file",
+            "ring",
+            _WARN,
+            f"OBSTACLE_DISTANCE of {count} directions heard, not in the vehicle file",
             f'declare it to see walls: [[rangefinder]] with ring = {count}, target = "wall", position_m = [x, y, z]',
-        )  # fmt: skip
+        )
 
 
 def _same_way(a: int, b: int) -> bool:
@@ -382,13 +404,18 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
             or "none"
         )
         return Item(
-            name, _FAIL, f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
+            name,
+            _FAIL,
+            f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
             f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
-        )  # fmt: skip
+        )
     low = readings[-1].min_m
     high = readings[-1].max_m
     values = [r.distance_m for r in readings if r.verdict is RangeVerdict.OK]
-    shown = f"{median(values):.2f} m" if values else "nothing in reach"
+    if values:
+        shown = f"{median(values):.2f} m"
+    else:
+        shown = "nothing in reach"
     text = f"to the {sensor.target}: {shown}, limits {low:g} to {high:g} m, "
     slow = _rate(name, "DISTANCE_SENSOR", _hz(readings), _LEAST_HZ, _RANGE_HZ, text)
     if slow.verdict is _FAIL:
@@ -401,12 +428,20 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
     useless = usable < _USABLE
     narrow = high < _REACH_M[0] or low > _REACH_M[1]
     found = _judged(
-        name, text + f"{100.0 * usable:.0f} % usable",
-        (useless and standing, _WARN, ": below its least distance on the ground", "RNGFNDn_MIN, or a look in hover"),
+        name,
+        text + f"{100.0 * usable:.0f} % usable",
+        (
+            useless and standing,
+            _WARN,
+            ": below its least distance on the ground",
+            "RNGFNDn_MIN, or a look in hover",
+        ),
         (useless, _FAIL, f": {worst.value}", limits),
         (narrow, _WARN, ": too narrow for ground and wall", limits),
-    )  # fmt: skip
-    return slow if found.verdict is Verdict.PASS else found
+    )
+    if found.verdict is Verdict.PASS:
+        return slow
+    return found
 
 
 def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
@@ -431,12 +466,28 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     )
     telemetry = "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the numbers in the vehicle file"
     yield _judged(
-        "rotor speeds", f"{len(escs)} ESCs at {hz:.1f} Hz",
+        "rotor speeds",
+        f"{len(escs)} ESCs at {hz:.1f} Hz",
         (bool(silent), _FAIL, f": none from ESC {', '.join(silent)}; turning: {there}", telemetry),
-        (hz < _LEAST_HZ, _FAIL, f"; at least {_LEAST_HZ:g} Hz needed", "the rate of ESC_TELEMETRY or ESC_STATUS"),
-        (heard.flying and bool(zero), _FAIL, f": ESC {', '.join(zero)} reads 0 in the air", "its wire or number"),
-        (heard.flying and bool(far), _WARN, f": far from {usual:.0f} rpm: {', '.join(far)}", "poles per motor"),
-    )  # fmt: skip
+        (
+            hz < _LEAST_HZ,
+            _FAIL,
+            f"; at least {_LEAST_HZ:g} Hz needed",
+            "the rate of ESC_TELEMETRY or ESC_STATUS",
+        ),
+        (
+            heard.flying and bool(zero),
+            _FAIL,
+            f": ESC {', '.join(zero)} reads 0 in the air",
+            "its wire or number",
+        ),
+        (
+            heard.flying and bool(far),
+            _WARN,
+            f": far from {usual:.0f} rpm: {', '.join(far)}",
+            "poles per motor",
+        ),
+    )
     if len(heard.lift) >= _SEEN_S * 10.0:
         lift, (low, high) = median(heard.lift), IN_HOVER
         do = (
@@ -451,7 +502,10 @@ def _hover(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     hover = heard.state.hover
     declared = setup.config.vehicle.hover_thrust
     flown = hover.seconds >= LEARNED_S
-    theirs = hover.learned if flown else hover_parameter(heard.state.parameters)
+    if flown:
+        theirs = hover.learned
+    else:
+        theirs = hover_parameter(heard.state.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
         text = f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the vehicle file"
         do = f"set hover_thrust = {theirs:.2f} in the vehicle file, or the autopilot's parameter"
@@ -503,10 +557,16 @@ def _signing(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         mine = setup.signed
         theirs = heard.signed
         yield _judged(
-            "signing", f"{theirs} of {heard.frames} frames are signed",
+            "signing",
+            f"{theirs} of {heard.frames} frames are signed",
             (mine and not theirs, _FAIL, ", and a key is given", "--signing-key, or its file"),
-            (bool(theirs) and not mine and setup.live, _WARN, ", and no key is given", "give --signing-key"),
-        )  # fmt: skip
+            (
+                bool(theirs) and not mine and setup.live,
+                _WARN,
+                ", and no key is given",
+                "give --signing-key",
+            ),
+        )
 
 
 def _record(setup: CheckSetup) -> Iterator[Item]:
@@ -515,11 +575,18 @@ def _record(setup: CheckSetup) -> Iterator[Item]:
     if setup.record is None:
         yield Item("record", _WARN, "this flight would not be recorded", "--record FOLDER")
         return
-    folder = setup.record if setup.record.is_dir() else setup.record.parent
+    if setup.record.is_dir():
+        folder = setup.record
+    else:
+        folder = setup.record.parent
     writable = folder.is_dir() and os.access(folder, os.W_OK)
-    free = shutil.disk_usage(folder).free if writable else 0
+    if writable:
+        free = shutil.disk_usage(folder).free
+    else:
+        free = 0
     yield _judged(
-        "record", f"{folder}: {free / (1 << 30):.1f} GiB free",
+        "record",
+        f"{folder}: {free / (1 << 30):.1f} GiB free",
         (not writable, _FAIL, ": cannot be written", "make the folder, give it to this user"),
         (free < _FREE_BYTES, _WARN, "", "remove old recordings"),
-    )  # fmt: skip
+    )

@@ -46,36 +46,71 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     p.add_argument(
-        "--connect", metavar="ENDPOINT",
+        "--connect",
+        metavar="ENDPOINT",
         help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",
-    )  # fmt: skip
+    )
     p.add_argument("--baud", type=int, default=BAUD, help=f"of a serial port (default {BAUD})")
-    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE.toml",
-                   help="vehicle file, or the name of one that ships: tandem, quad; without one sim: flies the "
-                   "tandem, and to a real link nothing is sent")  # fmt: skip
-    p.add_argument("--model", metavar="DIR",
-                   help="model directory, or none: no offsets (default: the shipped model, and none for a vehicle "
-                   "with another fan)")  # fmt: skip
-    p.add_argument("--check", nargs="?", const=True, metavar="FLIGHT.tlog",
-                   help="listen for ten seconds, or read a log, and say per item whether to fly and what to set; "
-                   "sends no setpoint")  # fmt: skip
+    p.add_argument(
+        "--vehicle",
+        type=vehicle_path,
+        metavar="FILE.toml",
+        help="vehicle file, or the name of one that ships: tandem, quad; without one sim: flies the "
+        "tandem, and to a real link nothing is sent",
+    )
+    p.add_argument(
+        "--model",
+        metavar="DIR",
+        help="model directory, or none: no offsets (default: the shipped model, and none for a vehicle "
+        "with another fan)",
+    )
+    p.add_argument(
+        "--check",
+        nargs="?",
+        const=True,
+        metavar="FLIGHT.tlog",
+        help="listen for ten seconds, or read a log, and say per item whether to fly and what to set; "
+        "sends no setpoint",
+    )
     p.add_argument("--dry-run", action="store_true", help="compute and report, send no setpoint")
-    p.add_argument("--setpoint", default="hold", metavar="hold|ENDPOINT",
-                   help="hold: built-in hold where it engaged; or an endpoint on which an upstream controller sends "
-                   "SET_ATTITUDE_TARGET, forwarded with the offset added")  # fmt: skip
-    p.add_argument("--carrier", choices=("attitude", "acceleration"), default="attitude",
-                   help="how offsets travel; acceleration is for PX4")  # fmt: skip
-    p.add_argument("--record", type=Path, metavar="FILE.tlog",
-                   help="record both directions of the link; a folder, or a name with {date} and {boot}, is filled in; "
-                   "no file is ever overwritten: -2, -3 ... is added to the name")  # fmt: skip
-    p.add_argument("--page", metavar="[HOST]:PORT",
-                   help="serve a live page, :8080 for this machine, 0.0.0.0:8080 for the network")  # fmt: skip
-    p.add_argument("--survey", metavar="BOX",
-                   help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
-                   "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
-    p.add_argument("--adapt", type=read_adapt, metavar="off|full",
-                   help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
-                   "the model (default: full; off with --compare)")  # fmt: skip
+    p.add_argument(
+        "--setpoint",
+        default="hold",
+        metavar="hold|ENDPOINT",
+        help="hold: built-in hold where it engaged; or an endpoint on which an upstream controller sends "
+        "SET_ATTITUDE_TARGET, forwarded with the offset added",
+    )
+    p.add_argument(
+        "--carrier",
+        choices=("attitude", "acceleration"),
+        default="attitude",
+        help="how offsets travel; acceleration is for PX4",
+    )
+    p.add_argument(
+        "--record",
+        type=Path,
+        metavar="FILE.tlog",
+        help="record both directions of the link; a folder, or a name with {date} and {boot}, is filled in; "
+        "no file is ever overwritten: -2, -3 ... is added to the name",
+    )
+    p.add_argument(
+        "--page",
+        metavar="[HOST]:PORT",
+        help="serve a live page, :8080 for this machine, 0.0.0.0:8080 for the network",
+    )
+    p.add_argument(
+        "--survey",
+        metavar="BOX",
+        help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
+        "to learn ground and wall from the recording; another mode or target ends it",
+    )
+    p.add_argument(
+        "--adapt",
+        type=read_adapt,
+        metavar="off|full",
+        help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
+        "the model (default: full; off with --compare)",
+    )
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument(
         "--signing-key",
@@ -90,10 +125,13 @@ def parser() -> argparse.ArgumentParser:
         help="the vehicle's system id (default: the first heard)",
     )
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
-    p.add_argument("--compare", action="store_true",
-                   help="with sim:NAME: fly the approach with and without offsets, in free air, by the autopilot, and "
-                   "print the errors; with --adapt full three approaches in each flight; --record takes the flight "
-                   "without offsets")  # fmt: skip
+    p.add_argument(
+        "--compare",
+        action="store_true",
+        help="with sim:NAME: fly the approach with and without offsets, in free air, by the autopilot, and "
+        "print the errors; with --adapt full three approaches in each flight; --record takes the flight "
+        "without offsets",
+    )
     p.add_argument(
         "--plot",
         type=Path,
@@ -113,7 +151,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check(arguments)
         if arguments.check is not None:
             return _preflight(arguments)
-        return _compare(arguments) if arguments.compare else _fly(arguments)
+        if arguments.compare:
+            return _compare(arguments)
+        return _fly(arguments)
     except UserError as error:
         print(f"companion: {error}", file=sys.stderr)
         return error.exit_code
@@ -180,7 +220,12 @@ def _preflight(a: argparse.Namespace) -> int:
     flown, note = _config(a)
     config = replace(flown, dry_run=True, survey=None, adapt=Adapt.OFF)
     listener = check.Listener(config, a.target_system)
-    log = a.check if a.check is not True else a.connect if a.connect.endswith(".tlog") else None
+    if a.check is not True:
+        log = a.check
+    elif a.connect.endswith(".tlog"):
+        log = a.connect
+    else:
+        log = None
     if log is not None:
         check.read_log(Path(log), listener)
     else:
@@ -191,7 +236,10 @@ def _preflight(a: argparse.Namespace) -> int:
             if not a.quiet and sys.stderr.isatty():
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
             Flight(config, link, None, listener, arrivals, options).run()
-    name = "default vehicle" if a.vehicle is None else str(a.vehicle)
+    if a.vehicle is None:
+        name = "default vehicle"
+    else:
+        name = str(a.vehicle)
     setup = check.CheckSetup(
         config, name, note, a.record, signed=a.signing_key is not None, live=log is None
     )
@@ -200,7 +248,9 @@ def _preflight(a: argparse.Namespace) -> int:
         write_json(check.as_json(found), a.json)
     if speaks(a):
         print(check.as_text(found))
-    return 0 if check.may_fly(found) else 1
+    if check.may_fly(found):
+        return 0
+    return 1
 
 
 def _fly(a: argparse.Namespace) -> int:
@@ -232,7 +282,10 @@ def _fly(a: argparse.Namespace) -> int:
             upstream = stack.enter_context(
                 closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1))
             )
-        recorder = None if a.record is None else stack.enter_context(closing(Recorder(a.record)))
+        if a.record is None:
+            recorder = None
+        else:
+            recorder = stack.enter_context(closing(Recorder(a.record)))
         watchdog = stack.enter_context(closing(Watchdog()))
         if a.page is not None:
             page = stack.enter_context(closing(PageFeed(*read_address(a.page))))
@@ -262,7 +315,11 @@ def _fly(a: argparse.Namespace) -> int:
         if flight.unheard is not None:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
         heard = flight.unheard is None
-    return _INTERRUPTED if interrupted else 0 if heard else LinkError.exit_code
+    if interrupted:
+        return _INTERRUPTED
+    if heard:
+        return 0
+    return LinkError.exit_code
 
 
 def _config(a: argparse.Namespace) -> tuple[PipelineConfig, str | None]:
@@ -298,7 +355,10 @@ def _open(
     """The link, and the built-in vehicle where that flies."""
     from companion.mavlink.link import open_link, read_signing_key
 
-    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    if a.signing_key is None:
+        key = None
+    else:
+        key = read_signing_key(a.signing_key)
     endpoint = a.connect
     sim = None
     if _simulated(a):

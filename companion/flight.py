@@ -99,9 +99,14 @@ class Flight:
     """One run of the companion on open links. ``stop`` may be called from a signal handler."""
 
     def __init__(
-        self, config: PipelineConfig, link: Link, upstream: Link | None, recorder: Records | None, arrivals: Arrivals,
+        self,
+        config: PipelineConfig,
+        link: Link,
+        upstream: Link | None,
+        recorder: Records | None,
+        arrivals: Arrivals,
         options: FlightOptions,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.summary = Summary(config.dry_run)
         self.reboots = 0
         self._config = config
@@ -162,7 +167,10 @@ class Flight:
                 self._last_word.close()
 
     def _fly(self) -> None:
-        links = [self._link] if self._upstream is None else [self._link, self._upstream]
+        if self._upstream is None:
+            links = [self._link]
+        else:
+            links = [self._link, self._upstream]
         start = self._arrivals.now_s()
         self._watchdog.ready()
         while True:
@@ -365,7 +373,10 @@ class Flight:
             if times >= _SET_BACK:
                 text = f"companion: another program sets {name} to a lower rate again and again"
                 self._tell_once(f"set back {name}", text)
-        retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
+        if self._asked <= _PARAMETER_TRIES:
+            retry_s = _PARAMETER_RETRY_S
+        else:
+            retry_s = _PARAMETER_SLOW_RETRY_S
         if self._due("parameters", retry_s, now_s):
             for name in self._missing_parameters():
                 self._send(param_request_read(self._system, AUTOPILOT_COMPONENT, name))
@@ -437,7 +448,9 @@ class Flight:
     def last_word(self) -> bytes:
         """The frame that the second process sends if this one is killed now; empty where others fly."""
         place = self._place
-        return b"" if place is None else self._link.frame(*encode(place, self._system))
+        if place is None:
+            return b""
+        return self._link.frame(*encode(place, self._system))
 
     def _hand_over(self) -> None:
         """Never leave a tilt behind: send the autopilot the place to stay at, until its own controller has settled.
@@ -463,7 +476,10 @@ class Flight:
 
     def _taken_away(self, arrival_us: int, frame: Frame) -> bool:
         """Whether this says that the vehicle is disarmed, or in a mode in which it is not ours."""
-        sample = self._intake.sample(frame, arrival_us) if frame.id in LAYOUTS else None
+        if frame.id in LAYOUTS:
+            sample = self._intake.sample(frame, arrival_us)
+        else:
+            sample = None
         if not isinstance(sample, Heartbeat) or sample.component != AUTOPILOT_COMPONENT:
             return False
         return not (sample.armed and takes_setpoints(sample))
@@ -491,7 +507,10 @@ class Flight:
             return "nothing was heard; does the autopilot send there?"
         if not self._link.received:
             return f"{self._link.bad} damaged or unsigned frames and no good one: check baud rate and signing key"
-        who = f" of system {self._options.target_system}" if self._options.target_system else ""
+        if self._options.target_system:
+            who = f" of system {self._options.target_system}"
+        else:
+            who = ""
         return f"{self._link.received} messages but no HEARTBEAT of an autopilot{who}: check --target-system, routing"
 
     def _say(self, text: str) -> None:
@@ -526,8 +545,8 @@ class Flight:
 def percentiles_ms(bins: Counter[int]) -> dict[str, float] | None:
     """Median and 99th percentile of what was counted in bins of 10 us, as upper edges; None where nothing was."""
     took = sorted(bins.elements())
-    return (
-        {f"p{share}": (took[(len(took) - 1) * share // 100] + 1) / 100.0 for share in (50, 99)}
-        if took
-        else None
-    )
+    if took:
+        return {
+            f"p{share}": (took[(len(took) - 1) * share // 100] + 1) / 100.0 for share in (50, 99)
+        }
+    return None

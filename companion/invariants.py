@@ -39,9 +39,17 @@ _COMMAND_LONG, _SET_MESSAGE_INTERVAL, _NAMED_VALUE_FLOAT = 76, 511, 251
 """MAVLink numbers: a message, the one command in it that is sent, and a message."""
 _DECLARED = {
     ID_OF[name]
-    for name in ("HEARTBEAT", "PARAM_REQUEST_READ", "COMMAND_LONG", "NAMED_VALUE_FLOAT", "STATUSTEXT", "TIMESYNC",
-                 "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
-}  # fmt: skip
+    for name in (
+        "HEARTBEAT",
+        "PARAM_REQUEST_READ",
+        "COMMAND_LONG",
+        "NAMED_VALUE_FLOAT",
+        "STATUSTEXT",
+        "TIMESYNC",
+        "SET_ATTITUDE_TARGET",
+        "SET_POSITION_TARGET_LOCAL_NED",
+    )
+}
 _THROTTLE_IGNORED, _ON_GROUND = 64, 1
 """ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND."""
 
@@ -104,7 +112,10 @@ class Tally:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where it was never broken."""
-        first_s = round(self.first_s, 3) if self.broken else None
+        if self.broken:
+            first_s = round(self.first_s, 3)
+        else:
+            first_s = None
         return {
             "checked": self.checked,
             "broken": self.broken,
@@ -176,7 +187,10 @@ class AirEvidence:
         }
         self.rpm2 |= known
         if self.landed_state != _ON_GROUND and (mean := self._mean_rpm2) > 0.0:
-            old = mean if math.isnan(self.flown_rpm2) else self.flown_rpm2
+            if math.isnan(self.flown_rpm2):
+                old = mean
+            else:
+                old = self.flown_rpm2
             self.flown_rpm2 = old + _FLOWN_SHARE * (mean - old)
 
     @property
@@ -324,7 +338,7 @@ class Auditor:
                 )
                 if sees and dot(sample.direction_frd or DOWN, DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
-            case samples.Ring() if any(distance == distance for distance in sample.distances_m):
+            case samples.Ring() if any(not math.isnan(distance) for distance in sample.distances_m):
                 heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = (
                     sample.t_s
                 )
@@ -392,7 +406,10 @@ class Auditor:
         formed = whole and self._addressed(system, component)
         self._check(Requirement.FORM, formed, f"mask {mask}, to {system}/{component}")
         level = proper and _tilt(q) <= _LEVEL_RAD
-        bare = level if self._hold else self._is_upstreams(q, thrust)
+        if self._hold:
+            bare = level
+        else:
+            bare = self._is_upstreams(q, thrust)
         self._setpoint(bare, f"attitude tilted by {math.degrees(_tilt(q)):.1f} deg")
         self._fresh(stamp_ms, level)
         if not self._hold:
@@ -420,16 +437,18 @@ class Auditor:
             self._check(Requirement.DRY_RUN, False, what)
         self._check(Requirement.ARMED, beat is not None and beat.armed, what)
         waiting = stack_of(beat) is Stack.PX4 and bare
-        mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
+        if beat is None:
+            mode = "no heartbeat yet"
+        else:
+            mode = f"mode {beat.custom_mode:#x}"
         self._check(Requirement.MODE, takes_setpoints(beat) or waiting, f"{what} in {mode}")
         standing = heard.air.landed_state == _ON_GROUND and not heard.air.contradicts_landing
         self._check(Requirement.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.
-        age_s = (
-            math.inf
-            if beat is None
-            else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
-        )
+        if beat is None:
+            age_s = math.inf
+        else:
+            age_s = min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
         self._check(
             Requirement.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat"
         )
@@ -481,7 +500,10 @@ class Auditor:
         if name not in ("cc_thrust", "cc_roll", "cc_pitch"):
             return
         self._named[name] = value
-        most = self._limits.thrust if name == "cc_thrust" else math.radians(self._limits.tilt_deg)
+        if name == "cc_thrust":
+            most = self._limits.thrust
+        else:
+            most = math.radians(self._limits.tilt_deg)
         self._check(Requirement.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
         if name == "cc_pitch":
             self.audit.offsets += self._last is None

@@ -89,7 +89,12 @@ def main(fd: int) -> None:
     peers = list[str]()
     left = 0
     while True:
-        patience_s = PERIOD_S if left else SILENCE_S if frame else None
+        if left:
+            patience_s = PERIOD_S
+        elif frame:
+            patience_s = SILENCE_S
+        else:
+            patience_s = None
         if select.select([0], [], [], patience_s)[0]:
             more = os.read(0, 65536)
             if not more:

@@ -106,11 +106,10 @@ def initial_state(config: PipelineConfig) -> PipelineState:
 
 def stopped(state: PipelineState) -> PipelineState:
     """Ask for the end: offsets fade, and the vehicle comes to rest where it is."""
-    hold = (
-        None
-        if state.hold is None
-        else state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
-    )
+    if state.hold is None:
+        hold = None
+    else:
+        hold = state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
     return replace(state, stopping=True, hold=hold)
 
 
@@ -127,7 +126,10 @@ def ready_to_leave(state: PipelineState) -> bool:
 
 def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeCommand:
     """Level at hover thrust, heading as held."""
-    yaw = 0.0 if state.hold is None else state.hold.target.yaw
+    if state.hold is None:
+        yaw = 0.0
+    else:
+        yaw = state.hold.target.yaw
     return AttitudeCommand(
         state.t_s, quaternion_from_euler(0.0, 0.0, yaw), _thrust_map(state, config).hover
     )
@@ -283,17 +285,23 @@ def _surveyed(
     wall = math.nan
     towards = None
     if disturbance is not None:
-        height = min(disturbance.h_m) if disturbance.ground.known else math.nan
-        wall = min(disturbance.d_m) if disturbance.wall.known else math.nan
+        if disturbance.ground.known:
+            height = min(disturbance.h_m)
+        else:
+            height = math.nan
+        if disturbance.wall.known:
+            wall = min(disturbance.d_m)
+        else:
+            wall = math.nan
         towards = level_wall(disturbance)
     seen = Whereabouts(
         sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards
     )
     survey, wanted = advance(state.survey, box, seen)
     state = replace(state, survey=survey)
-    return (
-        state if wanted is None else _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
-    )
+    if wanted is None:
+        return state
+    return _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
 
 
 def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
@@ -303,9 +311,9 @@ def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     position = estimates.position
     reset = estimates.reset
     if state.hold is None or position is None:
-        return (
-            state if state.wall_drift is NO_WALL_DRIFT else replace(state, wall_drift=NO_WALL_DRIFT)
-        )
+        if state.wall_drift is NO_WALL_DRIFT:
+            return state
+        return replace(state, wall_drift=NO_WALL_DRIFT)
     t_s = position.t_s
     if disturbance is None:
         ground, wall = (est.surface(estimates, config, what, t_s) for what in ("ground", "wall"))
@@ -316,11 +324,11 @@ def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     beside = compare_wall(
         state.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s
     )
-    notice = (
-        (Notice.POSITION_DRIFTS, t_s)
-        if beside.drifts and not state.wall_drift.drifts
-        else state.notice
-    )
+    notice: tuple[Notice, float] | None
+    if beside.drifts and not state.wall_drift.drifts:
+        notice = (Notice.POSITION_DRIFTS, t_s)
+    else:
+        notice = state.notice
     drift = height_drift.compare(state.drift, ground, position)
     return replace(state, drift=drift, wall_drift=beside, notice=notice)
 
@@ -355,7 +363,10 @@ def _decide(
     if not 0.0 <= t_s - state.disturbance_s <= 2.0 * _DISTURBANCE_PERIOD_S:
         state = _renew_disturbance(state, t_s, config)
     late_s = lateness(state.estimates, config)
-    late_since_s = min(state.late_since_s, t_s) if late_s > LATE_STOP_S else math.inf
+    if late_s > LATE_STOP_S:
+        late_since_s = min(state.late_since_s, t_s)
+    else:
+        late_since_s = math.inf
     state = _airborne(state, config, t_s, late_since_s)
     if state.tuned is None:
         state = retuned(state, config, t_s)
@@ -367,7 +378,16 @@ def _decide(
     state, base = _base(state, bool(held_back), thrust, config, t_s)
     before = state.offsets.applied
     state = replace(
-        state, offsets=_offsets(state, base, reasons, bool(held_back), thrust, config, dt)
+        state,
+        offsets=_offsets(
+            state=state,
+            base=base,
+            reasons=reasons,
+            held_back=bool(held_back),
+            thrust=thrust,
+            config=config,
+            dt_s=dt,
+        ),
     )
     applied = state.offsets.applied
     if reasons and not held_back:
@@ -378,23 +398,46 @@ def _decide(
         if had_hold:
             state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
-        hand_over = None if command is None else state.hand_over
+        if command is None:
+            hand_over = None
+        else:
+            hand_over = state.hand_over
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-    hold = None if held_back else state.hold
+    if held_back:
+        hold = None
+    else:
+        hold = state.hold
     state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over)
-    tuned = state.tuned if config.base is Base.HOLD else None
+    if config.base is Base.HOLD:
+        tuned = state.tuned
+    else:
+        tuned = None
     authority = state.offsets.authority
     return state, Decision(
-        t_s, command, reasons, authority, applied, base, state.disturbance, late_s, tuned, state.notice,
-        state.adaptation,
-    )  # fmt: skip
+        t_s=t_s,
+        command=command,
+        reasons=reasons,
+        authority=authority,
+        offset=applied,
+        base=base,
+        disturbance=state.disturbance,
+        late_s=late_s,
+        tuned=tuned,
+        notice=state.notice,
+        adaptation=state.adaptation,
+    )
 
 
 def _offsets(
-    state: PipelineState, base: BaseSetpoint | None, reasons: tuple[Reason, ...], held_back: bool, thrust: ThrustMap,
-    config: PipelineConfig, dt_s: float,
-) -> Offsets:  # fmt: skip
+    state: PipelineState,
+    base: BaseSetpoint | None,
+    reasons: tuple[Reason, ...],
+    held_back: bool,
+    thrust: ThrustMap,
+    config: PipelineConfig,
+    dt_s: float,
+) -> Offsets:
     """The offset to apply, one step on."""
     old = state.offsets
     disturbance = state.disturbance
@@ -404,16 +447,37 @@ def _offsets(
     washout = old.washout
     if disturbance is not None and rows is not None and base is not None:
         fresh, washout = wanted_offset(
-            disturbance, washout, config, thrust, base.thrust, rows, dt_s
+            disturbance=disturbance,
+            washout=washout,
+            config=config,
+            thrust=thrust,
+            base_thrust=base.thrust,
+            rotation=rows,
+            dt_s=dt_s,
         )
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
-    trusted = 1.0 if usable else 0.0
-    authority = 0.0 if held_back else fade(old.authority, trusted, dt_s)
-    offset = slewed(old.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
+    if usable:
+        trusted = 1.0
+    else:
+        trusted = 0.0
+    if held_back:
+        authority = 0.0
+    else:
+        authority = fade(old.authority, trusted, dt_s)
+    if authority > 0.0:
+        offset = slewed(old.offset, wanted, config, dt_s)
+    else:
+        offset = Offset()
     # A fade adds to the slew of what fades: the sum is held to the slew rates too.
-    faded = offset if authority == 1.0 else offset.scaled(authority)
-    applied = Offset() if held_back else slewed(old.applied, faded, config, dt_s)
+    if authority == 1.0:
+        faded = offset
+    else:
+        faded = offset.scaled(authority)
+    if held_back:
+        applied = Offset()
+    else:
+        applied = slewed(old.applied, faded, config, dt_s)
     return Offsets(authority, offset, wanted, applied, washout)
 
 
@@ -422,9 +486,18 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     rows = state.estimates.rows
     if rotors is None or rows is None:
         return replace(state, disturbance=None, disturbance_s=t_s)
-    applied = None if state.adaptation is None else state.adaptation.applied
+    if state.adaptation is None:
+        applied = None
+    else:
+        applied = state.adaptation.applied
     disturbance = modelled_disturbance(
-        state.estimates, config, rotors, rows, t_s, damping_1_s(state, config), applied
+        estimates=state.estimates,
+        config=config,
+        rotor_rpm=rotors,
+        rotation=rows,
+        t_s=t_s,
+        damping_1_s=damping_1_s(state, config),
+        applied=applied,
     )
     share = state.lift_share
     if state.air.flies(t_s):
@@ -448,12 +521,19 @@ def _airborne(
     vehicle = config.vehicle
     notice = state.notice
     air = landed.watch(
-        state.air, state.disturbance, vehicle.mass_kg * GRAVITY, t_s,
-        telemetered=vehicle.telemetered, holding=state.hold is not None,
-    )  # fmt: skip
+        state.air,
+        state.disturbance,
+        vehicle.mass_kg * GRAVITY,
+        t_s,
+        telemetered=vehicle.telemetered,
+        holding=state.hold is not None,
+    )
     if air.overruled and (notice is None or notice[0] is not Notice.LANDED_OVERRULED):
         notice = (Notice.LANDED_OVERRULED, t_s)
-    climb = None if position is None else position.velocity_ned[2]
+    if position is None:
+        climb = None
+    else:
+        climb = position.velocity_ned[2]
     seen = engagement.watch_take_off(state.engagement, t_s, climb, air)
     return replace(state, air=air, engagement=seen, notice=notice, late_since_s=late_since_s)
 
@@ -511,21 +591,39 @@ def _base(
     clear_of_wall = seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > near_m
     pushed = _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw)
     motion = Motion(
-        position.position_ned, position.velocity_ned, (x, y, z), yaw, t_s - position.t_s, pushed, wall_ahead,
-        clear_of_wall, state.balance.acceleration,
-    )  # fmt: skip
+        position=position.position_ned,
+        velocity=position.velocity_ned,
+        body_down=(x, y, z),
+        yaw=yaw,
+        age_s=t_s - position.t_s,
+        offset=pushed,
+        wall=wall_ahead,
+        clear=clear_of_wall,
+        balance=state.balance.acceleration,
+    )
     assert state.tuned is not None
     gains = state.tuned.gains
     hold = state.hold
     if hold is None:
         fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
-        thrust_now = state.hover.now if fresh else thrust.hover
+        if fresh:
+            thrust_now = state.hover.now
+        else:
+            thrust_now = thrust.hover
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
         vehicle = config.vehicle
         drag = (
             drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
         )
-        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s, drag)
+        hold = engage(
+            t_s=t_s,
+            motion=motion,
+            balance=balance.acceleration,
+            thrust_now=thrust_now,
+            thrust=thrust,
+            lag_s=gains.lag_s,
+            drag_1_s=drag,
+        )
         hold = _returned(hold, state.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     return replace(state, hold=hold, wall_ahead=wall_ahead, left=None), base
@@ -598,7 +696,9 @@ def hand_over_place(state: PipelineState, hold: Hold) -> Vector3:
     """Where the autopilot is to stay when the hold ends, NED."""
     place = place_of(hold, state.drift.correction_m)
     towards = level_wall(state.disturbance)
-    return place if towards is None else held_off(place, state.balance.acceleration, towards)
+    if towards is None:
+        return place
+    return held_off(place, state.balance.acceleration, towards)
 
 
 def _command_held_back(

@@ -96,9 +96,10 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
         measured = state.loop.source is Source.MEASURED
-        loop = (
-            state.loop if measured else declared_loop(stack_of(state.heartbeat), state.parameters)
-        )
+        if measured:
+            loop = state.loop
+        else:
+            loop = declared_loop(stack_of(state.heartbeat), state.parameters)
     elif state.loop.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
         state = replace(state, swing=replace(state.swing, level=0))

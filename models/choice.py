@@ -29,7 +29,9 @@ class Choice:
     @property
     def judged(self) -> FanSurrogate | None:
         """The model that logs are judged by; None where nothing is known of ground and wall."""
-        return None if self.name == NONE else self.model
+        if self.name == NONE:
+            return None
+        return self.model
 
 
 def choose(vehicle: Vehicle, name: str | None, shipped: str | None = None) -> Choice:

@@ -55,9 +55,11 @@ def _parser() -> argparse.ArgumentParser:
         help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)",
     )
     data.add_argument(
-        "--sigma", type=Path, metavar="CSV",
+        "--sigma",
+        type=Path,
+        metavar="CSV",
         help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
-    )  # fmt: skip
+    )
     data.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)"
     )
@@ -75,13 +77,17 @@ def _parser() -> argparse.ArgumentParser:
         "--out", required=True, type=Path, metavar="DIR", help="model directory to write"
     )
     train.add_argument(
-        "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
+        "--fan",
+        nargs=2,
+        type=float,
+        metavar=("RADIUS", "LIP"),
         help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
-    )  # fmt: skip
+    )
     train.add_argument(
-        "--places", choices=("even", "odd"),
+        "--places",
+        choices=("even", "odd"),
         help="train on every second place only: a test may then use the others (sim:corner_cfd flies in the even ones)",
-    )  # fmt: skip
+    )
     train.add_argument(
         "--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity"
     )
@@ -158,7 +164,9 @@ def _train(args: argparse.Namespace) -> Mapping[str, Any]:
 
 
 def _r2(score: Mapping[str, Any]) -> str:
-    return "constant" if score["r2"] is None else f"{score['r2']:.4f}"
+    if score["r2"] is None:
+        return "constant"
+    return f"{score['r2']:.4f}"
 
 
 def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
@@ -171,7 +179,10 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
     bars = Bars(args.quiet)
     result = compare(data, args.seed, progress=bars)
     bars.close()
-    sigma = "" if args.sigma is None else f" --sigma {args.sigma}"
+    if args.sigma is None:
+        sigma = ""
+    else:
+        sigma = f" --sigma {args.sigma}"
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
         write_page(args.report, result, command)
@@ -224,7 +235,10 @@ def _query(args: argparse.Namespace) -> Mapping[str, Any]:
         print(f"h {args.h:g} m, d {args.d:g} m, {args.rpm:g} rpm: trust {trust:.2f}, corner frame")
         print(f"{'':4}{'wrench':>12}{'sigma':>12}{'free air':>12}")
         for c, axis in enumerate(AXES):
-            unit = "N" if c < 3 else "N m"
+            if c < 3:
+                unit = "N"
+            else:
+                unit = "N m"
             print(f"{axis:4}{wrench[c]:12.5f}{sigma[c]:12.5f}{free[c]:12.5f} {unit}")
     return result
 
@@ -248,7 +262,9 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
 
 def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
     if args.fan is None:
-        return PAPER_RADII_M if args.data == CLOSED_FORM else None
+        if args.data == CLOSED_FORM:
+            return PAPER_RADII_M
+        return None
     radius, lip = args.fan
     if not 0.0 < radius <= lip < 100.0:
         raise ConfigError(

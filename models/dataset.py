@@ -52,7 +52,10 @@ class DataSet:
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> DataSet:
         """The rows ``index`` (integers or mask)."""
-        sigma = None if self.sigma is None else self.sigma[index]
+        if self.sigma is None:
+            sigma = None
+        else:
+            sigma = self.sigma[index]
         return replace(
             self,
             h=self.h[index],
@@ -88,7 +91,10 @@ def read(path: Path | str) -> DataSet:
     path = Path(path)
     lines = read_text("data set", path, ModelError).splitlines()
     if not lines or lines[0].strip() != HEADER:
-        found = lines[0].strip()[:80] if lines else "an empty file"
+        if lines:
+            found = lines[0].strip()[:80]
+        else:
+            found = "an empty file"
         raise ModelError(f"data set {path}: the header must be exactly '{HEADER}', not '{found}'")
     number = np.array([i for i, line in enumerate(lines[1:], 2) if line.strip()], dtype=np.intp)
     values = np.array([_numbers(path, n, lines[n - 1]) for n in number]).reshape(-1, len(COLUMNS))
@@ -102,7 +108,9 @@ def read(path: Path | str) -> DataSet:
         )
     h, d, rpm = values[:, :3].T
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return DataSet(h, d, rpm, values[:, 3:], path.name, sha256, tuple(notes))
+    return DataSet(
+        h=h, d=d, rpm=rpm, wrench=values[:, 3:], source=path.name, sha256=sha256, notes=tuple(notes)
+    )
 
 
 def with_sigma(data: DataSet, path: Path | str) -> DataSet:

@@ -23,24 +23,29 @@ _BROKEN = 1
 def add_parser(commands: Any) -> None:
     """Register ``audit`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "audit", help="say whether a recorded flight kept the safety requirements", epilog=_EPILOG,
+        "audit",
+        help="say whether a recorded flight kept the safety requirements",
+        epilog=_EPILOG,
         description="Check everything that the companion sent in a recorded flight against what it heard. The "
         "recording must hold both directions, as companion --record and ground stations write them.",
-    )  # fmt: skip
+    )
     p.add_argument("logs", nargs="+", type=Path, metavar="FLIGHT.tlog")
     p.add_argument(
-        "--vehicle", type=vehicle_path, metavar="FILE.toml",
+        "--vehicle",
+        type=vehicle_path,
+        metavar="FILE.toml",
         help="vehicle file flown: its limits, and which sensors are needed (default: the default limits; any sensor)",
-    )  # fmt: skip
+    )
     p.add_argument(
         "--dry-run",
         action="store_true",
         help="it was flown with --dry-run: no setpoint may be there",
     )
     p.add_argument(
-        "--setpoint", choices=("hold", "upstream"),
+        "--setpoint",
+        choices=("hold", "upstream"),
         help="what was flown (default: upstream where another station's SET_ATTITUDE_TARGET is in the log)",
-    )  # fmt: skip
+    )
     add_answer_options(p, flies="the first heard")
     p.set_defaults(run=run)
 
@@ -51,7 +56,10 @@ def run(a: argparse.Namespace) -> int:
     from models.common.text_file import write_json
     from models.vehicle import load_vehicle
 
-    vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)
+    if a.vehicle is None:
+        vehicle = None
+    else:
+        vehicle = load_vehicle(a.vehicle)
     quiet = a.quiet or a.json == "-"
     audits = [_audit(log, vehicle, a, quiet=quiet) for log in a.logs]
     kept = all(one.kept for one in audits)
@@ -62,7 +70,9 @@ def run(a: argparse.Namespace) -> int:
         write_json({"kept": kept, "logs": answers}, a.json)
     if not quiet:
         print(as_text(a.logs, audits))
-    return 0 if kept else _BROKEN
+    if kept:
+        return 0
+    return _BROKEN
 
 
 def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet: bool) -> Audit:
@@ -91,7 +101,10 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
             f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit"
         )
     others = {number for *_, number in counts.keys() - ours}
-    hold = SET_ATTITUDE_TARGET not in others if a.setpoint is None else a.setpoint == "hold"
+    if a.setpoint is None:
+        hold = SET_ATTITUDE_TARGET not in others
+    else:
+        hold = a.setpoint == "hold"
     auditor = Auditor(vehicle, hold=hold, dry_run=a.dry_run, system=a.target_system)
     bar = True if quiet else None  # None: only to a terminal
     for arrival_us, raw in tqdm(
@@ -109,8 +122,14 @@ def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
             f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints"
         )
         for requirement, kept in one.requirements.items():
-            state = f"{kept.broken:7} broken" if kept.broken else "     ok"
-            seen = f"{kept.checked:8}" if kept.checked else "       -"
+            if kept.broken:
+                state = f"{kept.broken:7} broken"
+            else:
+                state = "     ok"
+            if kept.checked:
+                seen = f"{kept.checked:8}"
+            else:
+                seen = "       -"
             out.append(f"  {seen} {state:14}  {requirement.value}")
             if kept.broken:
                 out.append(f"  {'':24} at {kept.first_s:.2f} s: {kept.first}")

@@ -35,15 +35,18 @@ _THREADS = "OMP_NUM_THREADS"
 def parser() -> argparse.ArgumentParser:
     """The command line of ``replay``."""
     p = Parser(
-        prog="replay", description="Recorded flights: what the companion decides on them, and what its model lacks.",
+        prog="replay",
+        description="Recorded flights: what the companion decides on them, and what its model lacks.",
         epilog=EXIT_CODES,
-    )  # fmt: skip
+    )
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser(
-        "run", help="feed a log through the flight pipeline and report its decisions", epilog=EXIT_CODES,
+        "run",
+        help="feed a log through the flight pipeline and report its decisions",
+        epilog=EXIT_CODES,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
-    )  # fmt: skip
+    )
     run.add_argument(
         "log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them"
     )
@@ -90,9 +93,14 @@ def _run(a: argparse.Namespace) -> int:
     config, chosen, notes = pipeline_config(a, (vehicle, model))
     history = History()
     report = run(
-        a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
+        a.log,
+        config,
+        chosen.name,
+        a.target_system,
+        assumed_parameters(a.param),
+        quiet=a.quiet or a.json == "-",
         watch=history.watch,
-    )  # fmt: skip
+    )
     report.notes[:0] = [*notes, *assumed]
     # Imported where a page is asked for: it needs the extra "replay", the answer does not.
     write_answer(

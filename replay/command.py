@@ -44,14 +44,22 @@ def declared(vehicle_file: Path | str, model: str | None) -> tuple[Vehicle, Choi
 
 def given(a: argparse.Namespace) -> Given:
     """What ``--mass``, ``--propeller``, ``--span`` and ``--set`` say of a vehicle that is drafted."""
-    diameter_m = None if a.propeller is None else a.propeller * INCH_M
+    if a.propeller is None:
+        diameter_m = None
+    else:
+        diameter_m = a.propeller * INCH_M
     return Given(a.mass, diameter_m, a.span, source_settings(a.set))
 
 
 def of_logs(
-    vehicle_file: Path | str | None, model: str | None, logs: Sequence[Path], known: Given, target_system: int | None,
-    *, measured: bool = True,
-) -> tuple[Vehicle, Choice, Draft | None]:  # fmt: skip
+    vehicle_file: Path | str | None,
+    model: str | None,
+    logs: Sequence[Path],
+    known: Given,
+    target_system: int | None,
+    *,
+    measured: bool = True,
+) -> tuple[Vehicle, Choice, Draft | None]:
     """``declared``; without ``--vehicle`` the vehicle is drafted from the logs, or but outlined (not ``measured``)."""
     if vehicle_file is not None:
         return *declared(vehicle_file, model), None
@@ -104,7 +112,10 @@ def check_targets(a: argparse.Namespace) -> None:
             raise ConfigError(f"{said}: is a folder; name a file")
         if not is_file and target.exists() and not target.is_dir():
             raise ConfigError(f"{said}: is a file; name a folder")
-        above = [target.parent] if is_file else [target, *target.absolute().parents]
+        if is_file:
+            above = [target.parent]
+        else:
+            above = [target, *target.absolute().parents]
         parent = next((p for p in above if p.exists()), above[0])
         if not parent.is_dir():
             raise ConfigError(
@@ -134,10 +145,9 @@ def write_answer(
     """Write what ``--json`` and, with a ``page``, ``--report`` ask for, and print the lines unless ``--quiet``."""
     if a.json is not None:
         write_json(content, a.json)
-    written = (
-        []
-        if page is None or a.report is None
-        else [write_document("--report", a.report / "report.html", page())]
-    )
+    if page is None or a.report is None:
+        written = []
+    else:
+        written = [write_document("--report", a.report / "report.html", page())]
     if speaks(a):
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

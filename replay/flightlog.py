@@ -46,7 +46,9 @@ class Series:
     @property
     def rate_hz(self) -> float:
         """One over the median step; NaN below two samples."""
-        return float(1.0 / np.median(np.diff(self.t_s))) if len(self) > 1 else math.nan
+        if len(self) > 1:
+            return float(1.0 / np.median(np.diff(self.t_s)))
+        return math.nan
 
     def at(self, t_s: Array, max_gap_s: float = math.inf, *, hold: bool = False) -> Array:
         """Values (m, k) at other times: linear, or the previous sample where ``hold``.
@@ -179,7 +181,9 @@ class LogFault:
     @property
     def motors(self) -> tuple[int, ...]:
         """Motors that fail, by number; several where one of them does."""
-        return () if self.loss is None else self.loss.motors
+        if self.loss is None:
+            return ()
+        return self.loss.motors
 
     def as_json(self) -> dict[str, Any]:
         """The keys of ``log_faults``: what a fault does not have is left out."""
@@ -270,21 +274,25 @@ def _cut(column: Any, start_s: float, end_s: float) -> Any:
             return column.between(start_s, end_s) or None
         case Interval():
             part = Interval(max(column.start_s, start_s), min(column.end_s, end_s), column.value)
-            return part if part.start_s < part.end_s else None
+            if part.start_s < part.end_s:
+                return part
+            return None
         case Ring(t_s=t_s) | (float(t_s), int(), str()):
-            return column if start_s <= t_s < end_s else None
+            if start_s <= t_s < end_s:
+                return column
+            return None
         case ImuRecord():
             force = _cut(column.specific_force, start_s, end_s)
             gyro = _cut(column.gyro, start_s, end_s)
-            return replace(column, specific_force=force, gyro=gyro) if force and gyro else None
+            if force and gyro:
+                return replace(column, specific_force=force, gyro=gyro)
+            return None
         case Beam():
             i, j = column.distance.t_s.searchsorted((start_s, end_s)).tolist()
             distance = column.distance.between(start_s, end_s)
-            return (
-                replace(column, distance=distance, verdicts=column.verdicts[i:j])
-                if distance
-                else None
-            )
+            if distance:
+                return replace(column, distance=distance, verdicts=column.verdicts[i:j])
+            return None
         case Lane():
             position = _cut(column.position, start_s, end_s)
             velocity = _cut(column.velocity, start_s, end_s)
@@ -397,11 +405,10 @@ class FlightLog:
 
     def stretches(self) -> Iterator[FlightLog]:
         """The log in parts of equal length, for work whose memory grows with the time; a small log is one."""
-        count = (
-            1
-            if self.summary.bytes <= _ONE_STRETCH_BYTES
-            else math.ceil(self.duration_s / _STRETCH_S)
-        )
+        if self.summary.bytes <= _ONE_STRETCH_BYTES:
+            count = 1
+        else:
+            count = math.ceil(self.duration_s / _STRETCH_S)
         if count <= 1:
             yield self
             return
@@ -425,12 +432,13 @@ class FlightLog:
             return best
         finer = old.step_m < best.step_m and not old.good.rate_hz < best.good.rate_hz
         difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
-        same = (
-            bool(np.nanmedian(difference) <= best.step_m)
-            if np.isfinite(difference).any()
-            else False
-        )
-        return old if finer and same else best
+        if np.isfinite(difference).any():
+            same = bool(np.nanmedian(difference) <= best.step_m)
+        else:
+            same = False
+        if finer and same:
+            return old
+        return best
 
     def missing(self, *names: str) -> list[str]:
         """Which of the named columns (``"attitude"``, ``"imus"`` ...) this log does not hold."""

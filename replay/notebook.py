@@ -50,11 +50,17 @@ def diagnose(
     ``vehicle``: None drafts it from the logs, by ``mass_kg``, ``propeller_inch`` and ``span_m`` where they are known.
     ``model``: a model, its directory, or None for rotors in free air; by default as ``replay diagnose`` chooses it.
     """
-    paths = [Path(logs)] if isinstance(logs, Path | str) else [Path(log) for log in logs]
+    if isinstance(logs, Path | str):
+        paths = [Path(logs)]
+    else:
+        paths = [Path(log) for log in logs]
     notes: Sequence[str] = ()
     read = None
     if vehicle is None:
-        diameter_m = None if propeller_inch is None else propeller_inch * INCH_M
+        if propeller_inch is None:
+            diameter_m = None
+        else:
+            diameter_m = propeller_inch * INCH_M
         drafted = draft(paths, Given(mass_kg, diameter_m, span_m), target_system)
         vehicle = drafted.vehicle
         notes = drafted.notes

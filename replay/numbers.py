@@ -11,7 +11,9 @@ import numpy as np
 def rounded(content: Any) -> Any:
     """JSON content with all its numbers at six digits, more than a log can give; 0 where there is none."""
     if isinstance(content, float):
-        return float(f"{content:.6g}") if np.isfinite(content) else 0.0
+        if np.isfinite(content):
+            return float(f"{content:.6g}")
+        return 0.0
     if isinstance(content, Mapping):
         return {key: rounded(value) for key, value in content.items()}
     if isinstance(content, list | tuple):

@@ -35,18 +35,26 @@ def add_pipeline_options(p: argparse.ArgumentParser) -> None:
         "--model", metavar="DIR", help="model directory, or none (default: the shipped model)"
     )
     p.add_argument(
-        "--setpoint", choices=("hold", "upstream"), default="hold",
+        "--setpoint",
+        choices=("hold", "upstream"),
+        default="hold",
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--adapt", type=read_adapt, default=Adapt.FULL, metavar="off|full",
+        "--adapt",
+        type=read_adapt,
+        default=Adapt.FULL,
+        metavar="off|full",
         help="full: measure the sizes of the model's effects as the flight program does (default)",
-    )  # fmt: skip
+    )
     p.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
     p.add_argument(
-        "--param", action="append", default=[], metavar="NAME=VALUE",
+        "--param",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
         help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",
-    )  # fmt: skip
+    )
 
 
 def add_answer_options(
@@ -64,9 +72,11 @@ def add_folder_options(p: argparse.ArgumentParser) -> None:
     """What only a folder of logs has."""
     g = p.add_argument_group("of a folder of logs")
     g.add_argument(
-        "--out", type=Path, metavar="DIR",
+        "--out",
+        type=Path,
+        metavar="DIR",
         help="answers, table and, without --report, the page (default: NAME-COMMAND, here)",
-    )  # fmt: skip
+    )
     g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
     g.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files"

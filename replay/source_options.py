@@ -11,9 +11,12 @@ from models.common.errors import ConfigError
 def add_source_option(p: argparse.ArgumentParser) -> None:
     """Which instance of a quantity is read."""
     p.add_argument(
-        "--set", action="append", default=[], metavar="QUANTITY=NAME",
+        "--set",
+        action="append",
+        default=[],
+        metavar="QUANTITY=NAME",
         help="read this instance, such as battery=2 or imu=IMU:1; replay info names them (default: the one in use)",
-    )  # fmt: skip
+    )
 
 
 def source_settings(pairs: Sequence[str]) -> dict[str, str]:

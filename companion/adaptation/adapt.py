@@ -161,7 +161,15 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     variance = floors(config.vehicle)
     learned = (False,) * len(places)
     state = Adaptation(
-        table, prior(table), through, judged, believed, shares, shares, variance, learned
+        table=table,
+        sizes=prior(table),
+        channels=through,
+        judged=judged,
+        believed=believed,
+        wanted=shares,
+        applied=shares,
+        variance=variance,
+        learned=learned,
     )
     wanted = _wanted(state)
     return replace(state, wanted=wanted, applied=wanted)
@@ -243,7 +251,11 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     seen = block_of.block_residual(
         block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind
     )
-    changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
+    changed: Array | float
+    if known.modelled is None:
+        changed = 0.0
+    else:
+        changed = seen.modelled - known.modelled
     doubt = (_LAG_DOUBT_S / BLOCK_S * changed) ** 2
     variance = _ALIKE * known.variance + doubt
     doubtful = _ALIKE_NEAR * known.variance + doubt
@@ -253,7 +265,10 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     around = _in_the_middle(here, config)
     near = _near(moves, around)
     first = known.updated_s == -math.inf
-    seconds = BLOCK_S if first else max(block.end_s - known.updated_s, 0.0)
+    if first:
+        seconds = BLOCK_S
+    else:
+        seconds = max(block.end_s - known.updated_s, 0.0)
     if first or any(near) or any(surprised) or seconds > _FREE_AIR_S:
         judged = _judged(known, seen, doubtful, seconds, around, near, config)
         sizes = opened(table, later(table, sizes, seconds), surprised)
@@ -305,9 +320,14 @@ def _near(moves: Flags, around: FanPlaces) -> tuple[bool, ...]:
 
 
 def _judged(
-    known: Adaptation, seen: block_of.BlockResidual, variance: Array, seconds: float, around: FanPlaces,
-    near: Sequence[bool], config: PipelineConfig,
-) -> tuple[judge.Belief, ...]:  # fmt: skip
+    known: Adaptation,
+    seen: block_of.BlockResidual,
+    variance: Array,
+    seconds: float,
+    around: FanPlaces,
+    near: Sequence[bool],
+    config: PipelineConfig,
+) -> tuple[judge.Belief, ...]:
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     vehicle = config.vehicle
     place = judge.place_of(around)

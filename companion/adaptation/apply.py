@@ -90,7 +90,9 @@ def towards(now: Applied, wanted: Applied, dt_s: float) -> Applied:
         _slewed(old.tilt, new.tilt, most),
     )
     moved = Applied(shares, near)
-    return wanted if moved == wanted else moved
+    if moved == wanted:
+        return wanted
+    return moved
 
 
 def _slewed(old: Sequence[float], new: Sequence[float], most: float) -> tuple[float, ...]:

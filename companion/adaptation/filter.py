@@ -69,7 +69,10 @@ def surprises(
     for count, off, most, row in zip(
         before, innovation.tolist(), spread.tolist(), regressors, strict=True
     ):
-        side = 1 if off > 0.0 else -1
+        if off > 0.0:
+            side = 1
+        else:
+            side = -1
         far = abs(off) > most and abs(off) > _GAIN_EXPLAINS * sum(
             map(abs, row[: at.THRUST].tolist())
         )
@@ -119,7 +122,10 @@ def update(
     shared = covariance @ regressors
     spread = float(regressors @ shared) + variance
     innovation = residual - float(regressors @ sizes.offset)
-    weight = min(1.0, ROBUST_SIGMAS * math.sqrt(spread) / abs(innovation)) if innovation else 1.0
+    if innovation:
+        weight = min(1.0, ROBUST_SIGMAS * math.sqrt(spread) / abs(innovation))
+    else:
+        weight = 1.0
     gain = moves * shared * (weight / spread)
     offset = np.minimum(np.maximum(sizes.offset + innovation * gain, low), high)
     # Joseph's form: C - g s' - s g' + spread g g', written so that it stays symmetric to the last bit.

@@ -67,7 +67,10 @@ def pause(
         return NOT_FLYING
     if rows is None or rows[2][2] < _TILT_COS:
         return "tilted beyond 30 degrees"
-    around = None if disturbance is clear else _surroundings(disturbance, config, now)
+    if disturbance is clear:
+        around = None
+    else:
+        around = _surroundings(disturbance, config, now)
     return around or _pushed(disturbance.parts.vertical_n, imu, config)
 
 
@@ -85,7 +88,9 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, now_s: float
         return "so near that it may touch"
     if is_empty(config.model) and min(height, gap) < _REACH_RADII:
         return "near ground or wall, and the model does not cover them"
-    return "outside the data of the model" if disturbance.trust <= 0.0 else None
+    if disturbance.trust <= 0.0:
+        return "outside the data of the model"
+    return None
 
 
 def _pushed(vertical_n: float, imu: Imu, config: PipelineConfig) -> str | None:

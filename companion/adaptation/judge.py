@@ -103,7 +103,10 @@ def _channel(table: tuple[Size, ...], own: int) -> Channel:
     steady = [table[k].mean - table[k].as_modelled for k in along]
     sds = [table[k].sd for k in along]
     a_minute = [table[k].per_minute * share for k, share in zip(along, calm, strict=True)]
-    form = _GROUND_SD if own == at.LIFT else 0.0
+    if own == at.LIFT:
+        form = _GROUND_SD
+    else:
+        form = 0.0
     n = len(along) + 2 + CELLS
     mean = np.zeros((2, n))
     covariance = np.zeros((2, n, n))
@@ -125,7 +128,15 @@ def _channel(table: tuple[Size, ...], own: int) -> Channel:
         ]
         growth[k] = np.square(moves) / 60.0
     variance = np.array([np.diagonal(c) for c in covariance])
-    return Channel(_AXES[own], along, own, mean, covariance, variance, growth)
+    return Channel(
+        axes=_AXES[own],
+        along=along,
+        own=own,
+        mean=mean,
+        covariance=covariance,
+        variance=variance,
+        growth_1_s=growth,
+    )
 
 
 def initial(channel: Channel) -> Belief:
@@ -157,13 +168,20 @@ def place_of(around: FanPlaces) -> Place:
 
 
 def rows(
-    channel: Channel, regressors: Sequence[Sequence[float]], place: Place, radius_m: float, thrust_scale: float = 1.0
-) -> list[Array]:  # fmt: skip
+    channel: Channel,
+    regressors: Sequence[Sequence[float]],
+    place: Place,
+    radius_m: float,
+    thrust_scale: float = 1.0,
+) -> list[Array]:
     """What a state adds to each axis of the channel: shape (n,) each. Ground and wall act on the true thrust."""
     c, s = place.towards
     along = (c, s, -1.0, s * radius_m, -c * radius_m)
     first = channel.gain
-    form = -place.form * thrust_scale if channel.own == at.LIFT else 0.0
+    if channel.own == at.LIFT:
+        form = -place.form * thrust_scale
+    else:
+        form = 0.0
     out = []
     for axis in channel.axes:
         seen = regressors[axis]
@@ -205,11 +223,20 @@ def learn(
         t = t + variance
         y = abs(i) / math.sqrt(s)
         z = abs(j) / math.sqrt(t)
-        v = sigmas / y if y > sigmas else 1.0
-        w = sigmas / z if z > sigmas else 1.0
+        if y > sigmas:
+            v = sigmas / y
+        else:
+            v = 1.0
+        if z > sigmas:
+            w = sigmas / z
+        else:
+            w = 1.0
         if y > sigmas and z > sigmas and i * j > 0.0:
             mean = _jumped(channel, mean, covariance, shared, ((i, s, v), (j, t, w)))
-            side = 1 if i > 0.0 else -1
+            if i > 0.0:
+                side = 1
+            else:
+                side = -1
             surprised.append(before + side if before * side > 0 else side)
             continue
         # Joseph's form with a gain that is Huber's weight, ``v`` and ``w``, of the best: one product, symmetric to the
@@ -232,8 +259,12 @@ def learn(
 
 
 def _jumped(
-    channel: Channel, mean: Array, covariance: Array, shared: Array, seen: tuple[tuple[float, float, float], ...]
-) -> Array:  # fmt: skip
+    channel: Channel,
+    mean: Array,
+    covariance: Array,
+    shared: Array,
+    seen: tuple[tuple[float, float, float], ...],
+) -> Array:
     """The mean after something that came at once, which is no surface: a load, a hand, a gust; ``covariance`` becomes
     what it then is. ``seen``: innovation, its variance, and weight, of both hypotheses.
 

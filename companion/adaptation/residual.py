@@ -79,20 +79,21 @@ def add(
     vanes = vanes_us
     if block.at_fans is not None and block.effects is not None:
         at_fans = block.at_fans + at_fans
-        effects = block.effects + effects if effects.size else effects
+        if effects.size:
+            effects = block.effects + effects
         vanes = tuple([a + b for a, b in zip(block.vanes_us, vanes_us, strict=True)])
     tip_m_s = block.tip_m_s + parts.tip_m_s
     return Block(
-        block.start_s,
-        imu.t_s,
-        lagged,
-        block.rates_at_start,
-        block.samples + 1,
-        motion,
-        vanes,
-        at_fans,
-        effects,
-        tip_m_s,
+        start_s=block.start_s,
+        end_s=imu.t_s,
+        lagged=lagged,
+        rates_at_start=block.rates_at_start,
+        samples=block.samples + 1,
+        motion=motion,
+        vanes_us=vanes,
+        at_fans=at_fans,
+        effects=effects,
+        tip_m_s=tip_m_s,
     )
 
 
@@ -106,9 +107,13 @@ class BlockResidual:
 
 
 def block_residual(
-    block: Block, vehicle: Vehicle, rotation: Rows, bearing_rad: float, sizes: int,
+    block: Block,
+    vehicle: Vehicle,
+    rotation: Rows,
+    bearing_rad: float,
+    sizes: int,
     wind_ne: tuple[float, float] = (0.0, 0.0),
-) -> BlockResidual:  # fmt: skip
+) -> BlockResidual:
     """The residual of a full block. ``rotation`` FRD -> NED and the wall's bearing at its end; ``wind_ne`` as believed
     [m/s]."""
     assert block.at_fans is not None
@@ -143,7 +148,15 @@ def block_residual(
         for row, value in zip(rows, effect, strict=False):
             row[k] = value
     velocity = _through_the_air([v * share for v in block.motion[6:]], rotation, wind_ne)
-    _common(rows, vehicle, rotation, velocity, alone, declared, block.tip_m_s * share)
+    _common(
+        out=rows,
+        vehicle=vehicle,
+        rotation=rotation,
+        velocity=velocity,
+        free=alone,
+        lifted=declared,
+        tip_m_s=block.tip_m_s * share,
+    )
     residual = [a - b for a, b in zip(seen, modelled, strict=True)]
     return BlockResidual(np.array(residual), np.array(rows), np.array(modelled))
 
@@ -175,9 +188,14 @@ def _through_the_air(
 
 
 def _common(
-    out: list[list[float]], vehicle: Vehicle, rotation: Rows, velocity: list[float], free: list[float], lifted: float,
+    out: list[list[float]],
+    vehicle: Vehicle,
+    rotation: Rows,
+    velocity: list[float],
+    free: list[float],
+    lifted: float,
     tip_m_s: float,
-) -> None:  # fmt: skip
+) -> None:
     """Fill in the columns of the sizes that every vehicle has; the catalogue's regressors (see the tests).
 
     ``velocity``: along x and y over ground, along the rotors' axis through the air. ``lifted``: declared vertical force

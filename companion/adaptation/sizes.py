@@ -83,24 +83,116 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
     """
     lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
     table = [
-        Size(name, "1", 1.0, 1.0, math.hypot(_HEAVY, scatter), 0.15, -2.0, 4.0)
+        Size(
+            name=name,
+            unit="1",
+            as_modelled=1.0,
+            mean=1.0,
+            sd=math.hypot(_HEAVY, scatter),
+            per_minute=0.15,
+            low=-2.0,
+            high=4.0,
+        )
         for name, scatter in zip(GAINS, _scatter(model), strict=True)
     ]
     # Outputs tell less of the thrust than speeds do: a battery sags within minutes.
     scale, sags = (0.15, 0.02) if vehicle.telemetered else (0.06, 0.1)
     drag, drag_sd = drag_prior(vehicle)
     table += [
-        Size("thrust_scale", "1", 1.0, 1.0, scale, sags, 0.4, 1.6),
-        Size("wind_north", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
-        Size("wind_east", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
-        Size("cg_offset_x", "m", 0.0, 0.0, 0.05 * lever, 0.005 * lever, -0.3 * lever, 0.3 * lever),
-        Size("cg_offset_y", "m", 0.0, 0.0, 0.05 * lever, 0.005 * lever, -0.3 * lever, 0.3 * lever),
-        Size("rotor_drag", "1", 0.0, drag, drag_sd, 0.05, 0.0, 6.0),
-        Size("drag_above", "rotor radii", 0.0, 0.5, 0.7, 0.1, -3.0, 6.0),
-        Size("vertical_inflow", "1", 0.0, 4.0, 2.5, 0.5, -5.0, 20.0),
+        Size(
+            name="thrust_scale",
+            unit="1",
+            as_modelled=1.0,
+            mean=1.0,
+            sd=scale,
+            per_minute=sags,
+            low=0.4,
+            high=1.6,
+        ),
+        Size(
+            name="wind_north",
+            unit="m/s",
+            as_modelled=0.0,
+            mean=0.0,
+            sd=4.0,
+            per_minute=2.0,
+            low=-25.0,
+            high=25.0,
+        ),
+        Size(
+            name="wind_east",
+            unit="m/s",
+            as_modelled=0.0,
+            mean=0.0,
+            sd=4.0,
+            per_minute=2.0,
+            low=-25.0,
+            high=25.0,
+        ),
+        Size(
+            name="cg_offset_x",
+            unit="m",
+            as_modelled=0.0,
+            mean=0.0,
+            sd=0.05 * lever,
+            per_minute=0.005 * lever,
+            low=-0.3 * lever,
+            high=0.3 * lever,
+        ),
+        Size(
+            name="cg_offset_y",
+            unit="m",
+            as_modelled=0.0,
+            mean=0.0,
+            sd=0.05 * lever,
+            per_minute=0.005 * lever,
+            low=-0.3 * lever,
+            high=0.3 * lever,
+        ),
+        Size(
+            name="rotor_drag",
+            unit="1",
+            as_modelled=0.0,
+            mean=drag,
+            sd=drag_sd,
+            per_minute=0.05,
+            low=0.0,
+            high=6.0,
+        ),
+        Size(
+            name="drag_above",
+            unit="rotor radii",
+            as_modelled=0.0,
+            mean=0.5,
+            sd=0.7,
+            per_minute=0.1,
+            low=-3.0,
+            high=6.0,
+        ),
+        Size(
+            name="vertical_inflow",
+            unit="1",
+            as_modelled=0.0,
+            mean=4.0,
+            sd=2.5,
+            per_minute=0.5,
+            low=-5.0,
+            high=20.0,
+        ),
     ]
     for k in effects_with_size(model):
-        table.append(Size(model.effects[k].name, "1", 1.0, 1.0, _HEAVY, 0.1, -2.0, 4.0))
+        table.append(
+            Size(
+                name=model.effects[k].name,
+                unit="1",
+                as_modelled=1.0,
+                mean=1.0,
+                sd=_HEAVY,
+                per_minute=0.1,
+                low=-2.0,
+                high=4.0,
+            )
+        )
     return tuple(table)
 
 
@@ -110,7 +202,9 @@ def drag_prior(vehicle: Vehicle) -> tuple[float, float]:
     A duct turns all of the stream it takes in, an open rotor a part of it.
     """
     ducted = vehicle.fans[0].lip_radius_m > 1.1 * vehicle.rotor_radius_m
-    return (1.0, 0.15) if ducted else (0.3, 0.5)
+    if ducted:
+        return (1.0, 0.15)
+    return (0.3, 0.5)
 
 
 def _scatter(model: FanSurrogate) -> tuple[float, float, float]:

@@ -55,7 +55,15 @@ class Bank(NamedTuple):
 
 
 _START = np.zeros((len(_TAUS), len(_DELAYS)))
-_EMPTY = Bank(_START.astype(complex), _START.astype(complex), _START, _START, 0.0, 0.0, 0.0)
+_EMPTY = Bank(
+    first=_START.astype(complex),
+    second=_START.astype(complex),
+    cross=_START,
+    square=_START,
+    tilt_power=0.0,
+    command_power=0.0,
+    seconds=0.0,
+)
 
 
 class AttitudeResponse(NamedTuple):
@@ -104,13 +112,13 @@ def _compared(
     second = bank.second + share * (first - bank.second)
     forget = math.exp(-dt_s / _MEMORY_S)
     return Bank(
-        first,
-        second,
-        forget * bank.cross + dt_s * (second * tilt.conjugate()).real,
-        forget * bank.square + dt_s * (second * second.conj()).real,
-        forget * bank.tilt_power + dt_s * abs(tilt) ** 2,
-        forget * bank.command_power + dt_s * abs(setpoints[-1]) ** 2,
-        forget * bank.seconds + dt_s,
+        first=first,
+        second=second,
+        cross=forget * bank.cross + dt_s * (second * tilt.conjugate()).real,
+        square=forget * bank.square + dt_s * (second * second.conj()).real,
+        tilt_power=forget * bank.tilt_power + dt_s * abs(tilt) ** 2,
+        command_power=forget * bank.command_power + dt_s * abs(setpoints[-1]) ** 2,
+        seconds=forget * bank.seconds + dt_s,
     )
 
 

@@ -126,10 +126,19 @@ def fade(authority: float, wanted: float, dt_s: float) -> float:
 
 def _slew(value: float, wanted: float, limit: float, step: float) -> float:
     """Move ``value`` towards ``wanted`` clipped to +-``limit``, by at most ``step``."""
-    target = -limit if wanted < -limit else limit if wanted > limit else wanted
+    if wanted < -limit:
+        target = -limit
+    elif wanted > limit:
+        target = limit
+    else:
+        target = wanted
     low = value - step
     high = value + step
-    return low if target < low else high if target > high else target
+    if target < low:
+        return low
+    if target > high:
+        return high
+    return target
 
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:
@@ -149,7 +158,10 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     roll = _slew(roll, wanted_roll, tilt, tilt_step)
     pitch = _slew(pitch, wanted_pitch, tilt, tilt_step)
     asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
-    passed = min(_size(thrust, roll, pitch) / asked, 1.0) if asked > 0.0 else 1.0
+    if asked > 0.0:
+        passed = min(_size(thrust, roll, pitch) / asked, 1.0)
+    else:
+        passed = 1.0
     return Offset(thrust, roll, pitch, (north, east, down), share * passed)
 
 

@@ -36,7 +36,10 @@ class Engagement:
 def hear_heartbeat(engagement: Engagement, heartbeat: Heartbeat) -> Engagement:
     """Note the mode."""
     changed = heartbeat.custom_mode != engagement.mode
-    changed_s = heartbeat.t_s if changed else engagement.changed_s
+    if changed:
+        changed_s = heartbeat.t_s
+    else:
+        changed_s = engagement.changed_s
     return replace(engagement, mode=heartbeat.custom_mode, changed_s=changed_s)
 
 
@@ -57,7 +60,10 @@ def watch_take_off(
         and abs(climb_m_s) < _SETTLED_CLIMB_M_S
         and air.landed_state != TAKE_OFF
     )
-    since = min(engagement.steady_since_s, t_s) if steady else math.inf
+    if steady:
+        since = min(engagement.steady_since_s, t_s)
+    else:
+        since = math.inf
     flown_elsewhere = (
         engagement.changed_s > air.since_s + AIRBORNE_AFTER_S and air.landed_state != TAKE_OFF
     )

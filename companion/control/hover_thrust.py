@@ -63,7 +63,9 @@ def best_hover(hover: HoverThrust, parameters: Mapping[str, float], declared: fl
     if hover.learned is not None and hover.seconds >= LEARNED_S:
         return hover.learned
     named = hover_parameter(parameters)
-    return declared if named is None else named
+    if named is None:
+        return declared
+    return named
 
 
 def is_known(

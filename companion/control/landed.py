@@ -57,7 +57,10 @@ def watch(
     carried = air.carried_s
     standing = air.standing_m
     overruled = False
-    ground = None if disturbance is None else disturbance.ground
+    if disturbance is None:
+        ground = None
+    else:
+        ground = disturbance.ground
     lifts = disturbance is not None and disturbance.free_lift_n > _LIFTING_SHARE * weight_n
     if lifts or air.landed_state == IN_AIR:
         carried = t_s
@@ -66,9 +69,11 @@ def watch(
     if air.landed_state == ON_GROUND:
         carries = telemetered and t_s - carried < _CARRIED_AGE_S
         overruled = ground is not None and flies_all_the_same(ground, standing, carries, holding)
-        since = since if overruled else math.inf
+        if not overruled:
+            since = math.inf
     elif since == math.inf:
-        since = t_s if carried == t_s else since
+        if carried == t_s:
+            since = t_s
     elif air.landed_state == 0 and t_s - carried > _IDLE_IS_LANDED_S:
         since = math.inf
     return Airborne(air.landed_state, since, carried, standing, overruled)
@@ -76,7 +81,9 @@ def watch(
 
 def standing_height(before_m: float, ground: Surface, airborne: bool) -> float:
     """Height of the CG over ground as the vehicle stands [m], NaN until it was seen; ``before_m`` as known so far."""
-    return before_m if airborne or ground.seen is not Seen.SURFACE else ground.distance_m
+    if airborne or ground.seen is not Seen.SURFACE:
+        return before_m
+    return ground.distance_m
 
 
 def flies_all_the_same(ground: Surface, standing_m: float, carried: bool, holding: bool) -> bool:

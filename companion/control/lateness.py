@@ -20,7 +20,10 @@ def lateness(estimates: Estimates, config: PipelineConfig) -> float:
     """How late [s] the newest attitude, and for the hold the newest position, arrived."""
     attitude = estimates.attitude
     position = estimates.position
-    late_s = 0.0 if attitude is None else attitude.late_s
+    if attitude is None:
+        late_s = 0.0
+    else:
+        late_s = attitude.late_s
     if position is not None and position.late_s > late_s and config.base is Base.HOLD:
         return position.late_s
     return late_s

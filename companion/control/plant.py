@@ -59,11 +59,9 @@ class HoldGains:
 
         With them it ran on into the wall on ArduCopter (slow attitude loop, positions at 10 Hz, no offsets).
         """
-        return (
-            self.tilt_lead_s / _TILT_LEAD_SHARE
-            if self.position_1_s >= HoldGains.position_1_s
-            else 0.0
-        )
+        if self.position_1_s >= HoldGains.position_1_s:
+            return self.tilt_lead_s / _TILT_LEAD_SHARE
+        return 0.0
 
 
 FULL = HoldGains()
@@ -256,13 +254,13 @@ def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
 def soften(gains: HoldGains, share: float, climb_share: float) -> HoldGains:
     """Gains with a bandwidth of ``share`` horizontally and ``climb_share`` vertically: the shape of the loops stays."""
     return HoldGains(
-        gains.position_1_s * share,
-        gains.velocity_1_s * share,
-        gains.integral_1_s2 * share**2,
-        gains.height_1_s * climb_share,
-        gains.climb_1_s * climb_share,
-        gains.climb_integral_1_s2 * climb_share**2,
-        gains.tilt_lead_s,
+        position_1_s=gains.position_1_s * share,
+        velocity_1_s=gains.velocity_1_s * share,
+        integral_1_s2=gains.integral_1_s2 * share**2,
+        height_1_s=gains.height_1_s * climb_share,
+        climb_1_s=gains.climb_1_s * climb_share,
+        climb_integral_1_s2=gains.climb_integral_1_s2 * climb_share**2,
+        tilt_lead_s=gains.tilt_lead_s,
     )
 
 
@@ -304,4 +302,6 @@ def _hardest(margin_at: Callable[[float], Margin], softer: float) -> tuple[float
     most = max(
         tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg)
     )
-    return enough[0] if enough else most
+    if enough:
+        return enough[0]
+    return most

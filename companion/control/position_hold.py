@@ -137,7 +137,17 @@ def engage(
     reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0), lag_s)
     mean = (tilt_n - rest_n - drag_n, tilt_e - rest_e - drag_e)
     climb = integral[2]
-    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, mean, climb, climb, None, drag_1_s)
+    return Hold(
+        target=stay(motion.yaw, t_s),
+        reference=reference,
+        integral=integral,
+        t_s=t_s,
+        tilt_mean=mean,
+        climb_mean=climb,
+        climb_command=climb,
+        since=None,
+        drag_1_s=drag_1_s,
+    )
 
 
 def _integral(north: float, east: float, down: float) -> Vector3:
@@ -151,7 +161,8 @@ def settled_target(hold: Hold) -> Target:
     old = hold.target
     at = hold.reference.position
     north, east, down = (
-        kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True)
+        kept if math.isnan(wanted) else wanted
+        for wanted, kept in zip(old.position, at, strict=True)
     )
     return replace(old, position=(north, east, down), velocity=_AT_REST)
 
@@ -216,11 +227,10 @@ def fly(
     acceleration, saturated = _limited(plus(plus(answer, old), forward), motion.wall)
     if not saturated:
         rate = gains.integral_1_s2 * dt
-        along = (
-            (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
-            if motion.clear and math.hypot(*reference.acceleration[:2]) < _STEADY_M_S2
-            else 0.0
-        )
+        if motion.clear and math.hypot(*reference.acceleration[:2]) < _STEADY_M_S2:
+            along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
+        else:
+            along = 0.0
         drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
             old[0] + (slip[0] - along * vn) * rate,
@@ -239,7 +249,15 @@ def fly(
     command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
     return Hold(
-        hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since, drag
+        target=hold.target,
+        reference=reference,
+        integral=integral,
+        t_s=t_s,
+        tilt_mean=(mean_n, mean_e),
+        climb_mean=mean_d,
+        climb_command=down,
+        since=since,
+        drag_1_s=drag,
     ), setpoint
 
 
@@ -284,7 +302,10 @@ def _followed(
 def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:
     """What a tilt gives, north and east [m/s^2], while the lift holds the weight."""
     north, east, down = body_down
-    lift = 0.5 if down < 0.5 else down
+    if down < 0.5:
+        lift = 0.5
+    else:
+        lift = down
     return -GRAVITY * north / lift, -GRAVITY * east / lift
 
 
@@ -293,7 +314,10 @@ def _limited(acceleration: Vector3, wall: WallAhead | None) -> tuple[Vector3, bo
     north, east, down = acceleration
     steep = math.hypot(north, east) > _MOST_LEVEL_M_S2
     limited = within(acceleration, _MOST_LEVEL_M_S2, _MOST_CLIMB_M_S2)
-    away = 0.0 if wall is None else -(north * wall.north + east * wall.east)
+    if wall is None:
+        away = 0.0
+    else:
+        away = -(north * wall.north + east * wall.east)
     if steep and wall is not None and away > 0.0:
         limited = (*_away_first(north, east, away, wall), limited[2])
     return limited, steep or abs(down) > _MOST_CLIMB_M_S2
@@ -306,9 +330,10 @@ def _away_first(north: float, east: float, away: float, wall: WallAhead) -> tupl
     limit = _PRESSED_M_S2
     kept = min(away, limit)
     along = math.hypot(along_n, along_e)
-    share = (
-        min(math.sqrt(max(limit * limit - kept * kept, 0.0)) / along, 1.0) if along > 0.0 else 0.0
-    )
+    if along > 0.0:
+        share = min(math.sqrt(max(limit * limit - kept * kept, 0.0)) / along, 1.0)
+    else:
+        share = 0.0
     return along_n * share - kept * wall.north, along_e * share - kept * wall.east
 
 

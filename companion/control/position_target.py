@@ -95,7 +95,10 @@ def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple
     """Position and velocity that a message asks for along one axis."""
     has_speed = not mask & _IGNORE_VELOCITY[axis] and math.isfinite(speed)
     has_place = not mask & _IGNORE_POSITION[axis] and math.isfinite(asked)
-    unmoved = math.nan if has_speed else old
+    if has_speed:
+        unmoved = math.nan
+    else:
+        unmoved = old
     return asked if has_place else unmoved, speed if has_speed else 0.0
 
 
@@ -174,12 +177,21 @@ def advance(
     speed = within(target.velocity, limits.speed_m_s, limits.climb_m_s)
     # NaN differs from itself: an axis that only a velocity moves.
     x, y, z = target.position
-    free_n = x != x
-    free_e = y != y
-    free_d = z != z
-    north = speed[0] if (alone if free_n else beside) else 0.0
-    east = speed[1] if (alone if free_e else beside) else 0.0
-    down = speed[2] if (alone if free_d else beside) else 0.0
+    free_n = math.isnan(x)
+    free_e = math.isnan(y)
+    free_d = math.isnan(z)
+    if alone if free_n else beside:
+        north = speed[0]
+    else:
+        north = 0.0
+    if alone if free_e else beside:
+        east = speed[1]
+    else:
+        east = 0.0
+    if alone if free_d else beside:
+        down = speed[2]
+    else:
+        down = 0.0
     # Between two messages a moving target moves on at its own velocity.
     speed = (north, east, down)
     place = plus(target.position, scaled(speed, age if beside else _TARGET_AGE_S))
@@ -197,9 +209,9 @@ def _way(start: Vector3, end: Vector3) -> Vector3:
     """From ``start`` to ``end``; 0 in an axis without a place."""
     north, east, down = minus(end, start)
     return (
-        0.0 if north != north else north,
-        0.0 if east != east else east,
-        0.0 if down != down else down,
+        0.0 if math.isnan(north) else north,
+        0.0 if math.isnan(east) else east,
+        0.0 if math.isnan(down) else down,
     )
 
 
@@ -271,7 +283,10 @@ def _approached(
     acceleration = plus(reference.acceleration, change)
     velocity = plus(reference.velocity, scaled(acceleration, dt_s))
     position = plus(reference.position, scaled(velocity, dt_s))
-    share = dt_s / (lag_s / 3.0 + dt_s) if dt_s > 0.0 else 0.0
+    if dt_s > 0.0:
+        share = dt_s / (lag_s / 3.0 + dt_s)
+    else:
+        share = 0.0
     first, second, third = reference.answered
     first = lagged(first, (acceleration[0], acceleration[1]), share)
     second = lagged(second, first, share)

@@ -39,9 +39,14 @@ _SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
 
 
 def modelled_disturbance(
-    estimates: Estimates, config: PipelineConfig, rotor_rpm: tuple[float, ...], rotation: Rows, t_s: float,
-    damping_1_s: float, applied: Applied | None = None,
-) -> Disturbance:  # fmt: skip
+    estimates: Estimates,
+    config: PipelineConfig,
+    rotor_rpm: tuple[float, ...],
+    rotation: Rows,
+    t_s: float,
+    damping_1_s: float,
+    applied: Applied | None = None,
+) -> Disturbance:
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
 
     ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
@@ -57,7 +62,15 @@ def modelled_disturbance(
     adopted = None
     if model.effects:
         ceiling = surface(estimates, config, "ceiling", t_s)
-        now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, THRUST_LEAD_S)
+        now = air_state(
+            estimates=estimates,
+            config=config,
+            query=soon,
+            ceiling=ceiling,
+            rotor_rpm=rotor_rpm,
+            t_s=t_s,
+            lead_s=THRUST_LEAD_S,
+        )
         moved = corrected_state(model.effects, now)
         shift = np.subtract(
             moved.h_m, now.h_m, out=np.zeros_like(now.h_m), where=np.isfinite(now.h_m)
@@ -75,7 +88,10 @@ def modelled_disturbance(
         lift, pull, tilt = about_cg(vehicle, above, later.wall_bearing_rad)
         wrench = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
     else:
-        effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
+        if model.effects:
+            effects = _adopted_parts(config, moved, damping_1_s)
+        else:
+            effects = _NO_EFFECTS
         parts = _parts(vehicle, at_fans, free, soon, effects)
         wrench = applied.compensated(vehicle, above, parts.around, effects).tolist()
     if adopted is not None:
@@ -130,7 +146,10 @@ def _by_surrogate(
         d = [*d, tuple([d_m + _STIFFNESS_STEP_M for d_m in later.d_m])]
     answer = model.query(np.array(h), np.array(d), np.array(soon.rpm))
     pulls = answer.wrench[:, :, 0].sum(axis=1)
-    pull_change_n = float(pulls[1] - pulls[2]) if beside_wall else 0.0
+    if beside_wall:
+        pull_change_n = float(pulls[1] - pulls[2])
+    else:
+        pull_change_n = 0.0
     return (
         answer.wrench[0, :, 2].tolist(),
         answer.wrench[1].tolist(),
@@ -178,15 +197,21 @@ def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) 
 
 
 def adopted_disturbance(
-    model: FanSurrogate, state: AirState, vehicle: Vehicle, damping_1_s: float,
+    model: FanSurrogate,
+    state: AirState,
+    vehicle: Vehicle,
+    damping_1_s: float,
     effects: tuple[AdoptedEffect, ...] | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Wrench (6,) of the adopted effects, with a ceiling's pull no stronger than delay allows.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
     forward would take that damping away. ``effects``: only these of the model's.
     """
-    chosen = model.effects if effects is None else effects
+    if effects is None:
+        chosen = model.effects
+    else:
+        chosen = effects
     still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
 
     def disturbance(ceiling_m: Array) -> Array:

@@ -135,7 +135,10 @@ def _autopilot(
 def _hold(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: float) -> None:
     """What the hold by itself needs: places, a margin, and before it engages the end of a take-off and a thrust."""
     position = state.estimates.position
-    age_s = math.inf if position is None else t_s - position.t_s
+    if position is None:
+        age_s = math.inf
+    else:
+        age_s = t_s - position.t_s
     trusted = state.estimates.trust.trusted
     if age_s > POSITION_AGE_S:
         out.append(Reason.POSITION_STALE)

@@ -101,7 +101,10 @@ class Survey:
 
     def as_json(self) -> dict[str, object]:
         """What became of it."""
-        flown = len(self.legs) if self.phase is Phase.DONE else self.leg
+        if self.phase is Phase.DONE:
+            flown = len(self.legs)
+        else:
+            flown = self.leg
         return {
             "phase": self.phase.name.lower(),
             "why": self.why,
@@ -135,14 +138,25 @@ def as_message(wanted: SurveyTarget, heard: LocalPosition, component: int) -> Se
     n, e, d = map(float, wanted.position)
     vn, ve, vd = map(float, wanted.velocity)
     return SetPositionTarget(
-        heard.t_s, heard.system, component, _PLACE_AND_VELOCITY, _LOCAL_NED, (n, e, d), (vn, ve, vd),
-        (0.0, 0.0, 0.0), 0.0, heard.system, component,
-    )  # fmt: skip
+        heard.t_s,
+        heard.system,
+        component,
+        _PLACE_AND_VELOCITY,
+        _LOCAL_NED,
+        (n, e, d),
+        (vn, ve, vd),
+        (0.0, 0.0, 0.0),
+        0.0,
+        heard.system,
+        component,
+    )
 
 
 def aborted(survey: Survey, why: str) -> Survey:
     """The pilot has taken over: the survey ends where it is and does not come back."""
-    return replace(survey, phase=Phase.ABORTED, why=why) if survey.active else survey
+    if survey.active:
+        return replace(survey, phase=Phase.ABORTED, why=why)
+    return survey
 
 
 def advance(
@@ -158,7 +172,10 @@ def advance(
     if survey.phase is Phase.WAITING:
         survey = replace(survey, since_s=min(survey.since_s, seen.t_s))
         return survey if seen.t_s - survey.since_s < SETTLE_S else _begun(survey, box, seen), None
-    why = _danger(survey, box, seen) if survey.phase is Phase.FLYING else ""
+    if survey.phase is Phase.FLYING:
+        why = _danger(survey, box, seen)
+    else:
+        why = ""
     if why:
         survey = _turned_back(survey, seen, why)
     leg = survey.legs[survey.leg]
@@ -195,11 +212,10 @@ def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[SurveyLeg, ...]:
     top of the box, and so on its way home.
     """
     heights = np.geomspace(box.height_min_m, box.height_max_m, HEIGHTS).tolist()
-    distances = (
-        np.geomspace(box.wall_min_m, box.wall_max_m, DISTANCES).tolist()
-        if box.with_wall
-        else [here[1]]
-    )
+    if box.with_wall:
+        distances = np.geomspace(box.wall_min_m, box.wall_max_m, DISTANCES).tolist()
+    else:
+        distances = [here[1]]
     top = heights[-1]
     stops: list[Stop] = [(top, here[1], 0.0)]
     for distance in reversed(distances):
@@ -238,7 +254,9 @@ def _danger(survey: Survey, box: SurveyBox, seen: Whereabouts) -> str:
     if survey.leg > 1 and box.with_wall and seen.wall_m < box.wall_min_m - _margin(box.wall_min_m):
         return "too close to the wall"
     off_m = np.linalg.norm(survey.wanted(seen.t_s).position - seen.position)
-    return "the vehicle did not follow" if off_m > OFF_COURSE_M else ""
+    if off_m > OFF_COURSE_M:
+        return "the vehicle did not follow"
+    return ""
 
 
 def _margin(least_m: float) -> float:

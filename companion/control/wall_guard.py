@@ -34,12 +34,17 @@ class WallAhead:
 
 def level_wall(disturbance: Disturbance | None) -> tuple[float, float] | None:
     """Level unit vector towards the wall that is seen."""
-    wall = None if disturbance is None else disturbance.wall
+    if disturbance is None:
+        wall = None
+    else:
+        wall = disturbance.wall
     if wall is None or wall.seen is not Seen.SURFACE or wall.normal_ned is None:
         return None
     north, east, _ = wall.normal_ned
     size = math.hypot(north, east)
-    return None if size < _LEVEL_SHARE else (north / size, east / size)
+    if size < _LEVEL_SHARE:
+        return None
+    return (north / size, east / size)
 
 
 def watch_wall(
@@ -48,7 +53,9 @@ def watch_wall(
     """Whether a wall is about to be hit, or was and is not yet clear of the vehicle. ``velocity``: NED, m/s."""
     towards = level_wall(disturbance)
     if disturbance is None or towards is None:
-        return before if before is not None and 0.0 <= t_s - before.seen_s < _BLIND_S else None
+        if before is not None and 0.0 <= t_s - before.seen_s < _BLIND_S:
+            return before
+        return None
     north, east = towards
     closing = max(north * velocity[0] + east * velocity[1], 0.0)
     reach_m = closing * _ANSWER_S + closing * closing / (2.0 * _BRAKE_M_S2) + _ROOM_M

@@ -30,7 +30,10 @@ def air_state(
     """
     vehicle = config.vehicle
     state = blank_state((), len(vehicle.fans), len(vehicle.rotors))
-    rows = LEVEL if estimates.rows is None else estimates.rows
+    if estimates.rows is None:
+        rows = LEVEL
+    else:
+        rows = estimates.rows
     rotation = np.array(rows)
     second_d, second_bearing = lips_to_wall(vehicle, walls(estimates, config, t_s)[1], rows, lead_s)
     changes: dict[str, Array] = {
@@ -67,4 +70,6 @@ def air_state(
 def _ahead(seen: Surface, lead_s: float) -> float:
     if seen.seen is Seen.SURFACE:
         return seen.distance_m + seen.rate_m_s * lead_s
-    return math.inf if seen.known else math.nan
+    if seen.known:
+        return math.inf
+    return math.nan

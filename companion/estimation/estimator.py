@@ -188,7 +188,10 @@ def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
 
 def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
     """Position and velocity; the vehicle's own velocity measures the rate of every track."""
-    reset = None if estimates.position is None else position_reset(estimates.position, sample)
+    if estimates.position is None:
+        reset = None
+    else:
+        reset = position_reset(estimates.position, sample)
     beams = tuple([_carried(beam, sample, reset) for beam in estimates.beams])
     return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
 
@@ -224,11 +227,9 @@ class Reading(NamedTuple):
 
 def take_range(estimates: Estimates, sample: Range | Ring, config: PipelineConfig) -> Estimates:
     """The surfaces that one message of a range sensor sees."""
-    return (
-        take_ring(estimates, sample, config)
-        if isinstance(sample, Ring)
-        else take_beam(estimates, sample, config)
-    )
+    if isinstance(sample, Ring):
+        return take_ring(estimates, sample, config)
+    return take_beam(estimates, sample, config)
 
 
 def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
@@ -238,24 +239,37 @@ def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Es
     index = _match(estimates, sample, vehicle)
     if index is None or rows is None or sample.direction_frd is None:
         return estimates
-    slant = math.inf if sample.verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
+    if sample.verdict is RangeVerdict.ABOVE_MAX:
+        slant = math.inf
+    else:
+        slant = sample.distance_m
     if sample.verdict not in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
         slant = math.nan
     target = vehicle.watched[index].target
     mount_m = vehicle.watched[index].position_m
-    ground = (
-        surface(estimates, config, "ground", sample.t_s).distance_m
-        if target == "wall"
-        else math.inf
-    )
+    if target == "wall":
+        ground = surface(estimates, config, "ground", sample.t_s).distance_m
+    else:
+        ground = math.inf
     plane = plane_distance(
-        target, sample.direction_frd, mount_m, slant, np.array(rows), ground, vehicle.rotor_radius_m
+        target=target,
+        direction_frd=sample.direction_frd,
+        position_m=mount_m,
+        range_m=slant,
+        rotation=np.array(rows),
+        height_cg_m=ground,
+        rotor_radius_m=vehicle.rotor_radius_m,
     )
     north, east, down = plane.normal_ned.tolist()
     reading = Reading(
-        sample.t_s, (sample.component, sample.sensor_id), slant, turned(rows, sample.direction_frd),
-        float(plane.distance_m), (north, east, down), _RANGE_SIGMA_M if sample.sigma_m is None else sample.sigma_m,
-    )  # fmt: skip
+        t_s=sample.t_s,
+        sensor=(sample.component, sample.sensor_id),
+        slant_m=slant,
+        beam_ned=turned(rows, sample.direction_frd),
+        distance_m=float(plane.distance_m),
+        normal_ned=(north, east, down),
+        sigma_m=_RANGE_SIGMA_M if sample.sigma_m is None else sample.sigma_m,
+    )
     return _read(estimates, index, estimates.beams[index], reading, config)
 
 
@@ -322,12 +336,15 @@ def _read(
         and estimates.trust.trusted
     ):
         here = Sighting(slant, position.position_ned, reading.beam_ned)
-    if slant == slant:
+    if not math.isnan(slant):
         # An echo that was lost, a reading that froze: both are seen by the vehicle's own motion.
-        read = Doubt(None, None, read.sight) if here is None else doubt(here, read, near_m, target)
+        if here is None:
+            read = Doubt(None, None, read.sight)
+        else:
+            read = doubt(here, read, near_m, target)
     beam = replace(beam, sensor=reading.sensor, heard_s=t_s, slant_m=slant, read=read)
     clear_since_s = math.inf
-    if slant == slant and read.why is None:
+    if not math.isnan(slant) and read.why is None:
         if math.isfinite(reading.distance_m):
             beam = _measured(beam, reading, here, near_m)
         elif math.isinf(reading.distance_m):
@@ -354,11 +371,10 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
         place = OldPlace(
             predict(before, _RANGE_TRACK, t_s).value, reading.normal_ned, here.position_ned
         )
-        old = (
-            jumped(place, reading.distance_m, near_m)
-            if before.age(t_s) <= _JUMPS_WITHIN_S
-            else None
-        )
+        if before.age(t_s) <= _JUMPS_WITHIN_S:
+            old = jumped(place, reading.distance_m, near_m)
+        else:
+            old = None
     return replace(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)
 
 
@@ -386,7 +402,10 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
                     rotors[k], _ROTOR_TRACK, sample.t_s, rpm, _ROTOR_SIGMA_RPM, _ROTOR_DELAY_S
                 )
     undeclared = vehicle.telemetered and any(esc not in places for esc in spinning)
-    undeclared_s = sample.t_s if undeclared else estimates.undeclared_s
+    if undeclared:
+        undeclared_s = sample.t_s
+    else:
+        undeclared_s = estimates.undeclared_s
     estimates = replace(estimates, rotors=tuple(rotors), packets=packets, undeclared_s=undeclared_s)
     return take_temperatures(estimates, sample.temperature_c)
 
@@ -431,7 +450,9 @@ def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig
 def take_temperatures(estimates: Estimates, celsius: Iterable[float]) -> Estimates:
     """The hottest ESC; places that read NaN are left out."""
     known = [t for t in celsius if math.isfinite(t)]
-    return replace(estimates, esc_temperature_c=max(known)) if known else estimates
+    if known:
+        return replace(estimates, esc_temperature_c=max(known))
+    return estimates
 
 
 def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> Surface:
@@ -547,7 +568,9 @@ def rotor_speeds(
     """Rotor speeds [rpm], of every rotor, at ``t_s``, or None where any is missing or too old."""
     if not config.vehicle.telemetered:
         fresh = estimates.servo is not None and t_s - estimates.servo.t_s <= ROTOR_AGE_S
-        return estimates.servo_rpm if fresh else None
+        if fresh:
+            return estimates.servo_rpm
+        return None
     out = []
     for track in estimates.rotors:
         if track is None or track.age(t_s) > ROTOR_AGE_S:

@@ -129,7 +129,7 @@ def hear(drift: HeightDrift, sample: LocalPosition) -> tuple[HeightDrift, LocalP
 
 def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> HeightDrift:
     """Compare the ground range with the newest position; ``position`` as flown by, at the same instant."""
-    if ground.seen is Seen.FROZEN and drift.reading_m == drift.reading_m:
+    if ground.seen is Seen.FROZEN and not math.isnan(drift.reading_m):
         return replace(
             NO_DRIFT, correction_m=drift.changed_correction_m, sunk_m=drift.sunk_m, down=drift.down
         )
@@ -148,21 +148,30 @@ def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> Hei
         )  # the correction stays as it is
     height = ground.distance_m
     level = height + drift.down[1]
-    now = Mark(t_s, level, level + drift.correction_m, height + drift.sunk_m, north, east, height)
+    now = Mark(
+        t_s=t_s,
+        ground_m=level,
+        corrected_m=level + drift.correction_m,
+        ground_by_velocity_m=height + drift.sunk_m,
+        north_m=north,
+        east_m=east,
+        height_m=height,
+    )
     if marks and ground.stepped_s > marks[0].t_s:
         marks = ()
     if drift.drifts:
-        drift = (
-            _followed(drift, now)
-            if marks
-            else replace(drift, level_m=now.ground_m + drift.correction_m)
-        )
+        if marks:
+            drift = _followed(drift, now)
+        else:
+            drift = replace(drift, level_m=now.ground_m + drift.correction_m)
     drift = replace(drift, compared_s=t_s)
     if marks and t_s - marks[-1].t_s < _MARK_S - 1e-6:
         return drift
     marks = (*marks, now)[-_WINDOWS[-1] - 1 :]
     drift = replace(drift, marks=marks)
-    return _calmed(drift) if drift.drifts else _noticed(drift)
+    if drift.drifts:
+        return _calmed(drift)
+    return _noticed(drift)
 
 
 def _noticed(drift: HeightDrift) -> HeightDrift:
@@ -217,7 +226,10 @@ def _calmed(drift: HeightDrift) -> HeightDrift:
     first = marks[-1 - _RATE_MARKS]
     last = marks[-1]
     rate = -(last.ground_m - first.ground_m) / (last.t_s - first.t_s)
-    since = min(drift.calm_since_s, last.t_s) if abs(rate) < _CALM_M_S else math.inf
+    if abs(rate) < _CALM_M_S:
+        since = min(drift.calm_since_s, last.t_s)
+    else:
+        since = math.inf
     if last.t_s - since >= _CALM_S:
         return replace(
             drift, since_s=math.inf, rate_m_s=0.0, velocity_m_s=0.0, calm_since_s=math.inf

@@ -114,7 +114,15 @@ def update(
 
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
     """A new track at a first measurement."""
-    return Track(t_s, value, 0.0, sigma * sigma, 0.0, model.initial_rate_sd**2, t_s)
+    return Track(
+        t_s=t_s,
+        value=value,
+        rate=0.0,
+        value_variance=sigma * sigma,
+        covariance=0.0,
+        rate_variance=model.initial_rate_sd**2,
+        updated_s=t_s,
+    )
 
 
 def measure(

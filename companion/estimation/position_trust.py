@@ -52,7 +52,8 @@ class PositionTrust:
         """After one more status."""
         accuracy = status.horizontal_accuracy_m
         best = self.best_accuracy_m + _FORGOTTEN_M_S * max(status.t_s - self.t_s, 0.0)
-        best = min(best, accuracy) if accuracy > 0.0 else best
+        if accuracy > 0.0:
+            best = min(best, accuracy)
         return PositionTrust(best, status.t_s, _trusted(status, best))
 
 

@@ -82,7 +82,10 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
         return Doubt(Why.LOST, None, last)
     if run is None or abs(here.slant_m - run.slant_m) > _SAME_READING_M:
         run = here
-    used_m = max(near_m, GROUND_USED_M) if target == "ground" else near_m
+    if target == "ground":
+        used_m = max(near_m, GROUND_USED_M)
+    else:
+        used_m = near_m
     # Back at the height where it froze, a reading that never changed is no truer.
     still = before.why is Why.FROZEN and run is before.same_since
     moved_m = abs(dot(minus(here.position_ned, run.position_ned), run.beam_ned))
@@ -116,7 +119,9 @@ class OldPlace(NamedTuple):
 def jumped(old: OldPlace, distance_m: float, near_m: float) -> OldPlace | None:
     """``old`` where a reading of ``distance_m`` from the same position is a jump from or to where it matters."""
     near = min(old.distance_m, distance_m) <= near_m
-    return old if near and abs(distance_m - old.distance_m) > _JUMP_M else None
+    if near and abs(distance_m - old.distance_m) > _JUMP_M:
+        return old
+    return None
 
 
 def remembered(
@@ -128,4 +133,6 @@ def remembered(
     along = math.sqrt(max(dot(moved, moved) - nearer * nearer, 0.0))
     turned = dot(normal_ned, old.normal_ned) < _TURNED_COS
     back = abs(distance_m - (old.distance_m - nearer)) < _BACK_M
-    return None if back or turned or along > _MOVED_M else old
+    if back or turned or along > _MOVED_M:
+        return None
+    return old

@@ -71,7 +71,10 @@ def plane_distance(
         normal = beam * np.array([1.0, 1.0, 0.0]) / np.maximum(level, 1e-9)[..., None]
         along = level
     else:
-        down = 1.0 if target == "ground" else -1.0
+        if target == "ground":
+            down = 1.0
+        else:
+            down = -1.0
         normal = np.zeros_like(beam)
         normal[..., 2] = down
         along = beam[..., 2] * down

@@ -117,13 +117,16 @@ def ring_view(
     blind: list[float] = []
     for bearing, slant in zip(ring.bearings_rad, ring.distances_m, strict=True):
         level = (math.cos(bearing), math.sin(bearing), 0.0)
-        beam = level if ring.northward else turned(rows, level)
+        if ring.northward:
+            beam = level
+        else:
+            beam = turned(rows, level)
         toward = _bearing(beam)
         north, east, down = plus(lever, scaled(beam, slant))
         met_ground = down > height_cg_m - GROUND_MARGIN_M - _GROUND_MARGIN_SHARE * slant
         inclined = math.hypot(beam[0], beam[1]) < math.cos(MAX_INCIDENCE_RAD)
         if (
-            slant != slant
+            math.isnan(slant)
             or inclined
             or _own(rows, (north, east, down), outline)
             or (met_ground and slant < near)

@@ -56,4 +56,8 @@ def within(vector: Vector3, level: float, vertical: float) -> Vector3:
 def clipped(value: float, most: float) -> float:
     """``value`` within +-``most``; a NaN stays one."""
     # Comparisons rather than min and max, which take ten times as long: it runs dozens of times for every setpoint.
-    return -most if value < -most else most if value > most else value
+    if value < -most:
+        return -most
+    if value > most:
+        return most
+    return value

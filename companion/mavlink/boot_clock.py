@@ -97,7 +97,9 @@ class _Quickest:
     def at(self, arrival_us: int) -> float:
         """The smallest offset [us] expected of a message that arrives now."""
         since_us = arrival_us - self._at_us
-        return self._offset_us + self._rate * since_us if since_us > 0 else self._offset_us
+        if since_us > 0:
+            return self._offset_us + self._rate * since_us
+        return self._offset_us
 
     def update(self, offset_us: int, arrival_us: int) -> None:
         over = arrival_us >= self._until_us
@@ -163,7 +165,9 @@ class BootClock:
     def late(self, t_s: float, arrival_us: int) -> float:
         """Seconds by which a message of boot time ``t_s`` arrived later than the quickest message would have."""
         late_us = arrival_us - self._quickest.at(arrival_us) - t_s * 1e6
-        return late_us / 1e6 if late_us > 0.0 and self._last_us >= 0 else 0.0
+        if late_us > 0.0 and self._last_us >= 0:
+            return late_us / 1e6
+        return 0.0
 
     def answered(self, asked_us: int, clock_us: int, arrival_us: int) -> None:
         """An answer of the autopilot whose clock read ``clock_us`` after the question left at ``asked_us``.
@@ -188,11 +192,9 @@ class BootClock:
         ours = system == self.system and component == AUTOPILOT_COMPONENT
         if unit is Stamp.BOOT_MS:
             stamp *= 1000
-            return (
-                self._main(stamp, arrival_us)
-                if ours
-                else self._other(system, component, stamp, arrival_us)
-            )
+            if ours:
+                return self._main(stamp, arrival_us)
+            return self._other(system, component, stamp, arrival_us)
         if unit is Stamp.BOOT_US32:
             if not self.known:
                 return 0.0

@@ -22,10 +22,22 @@ class EscMessage(NamedTuple):
 
 
 ESC_INFO = EscMessage(
-    290, "ESC_INFO", 251, struct.Struct("<Q4IH4H4hBBBB"),
-    ("time_usec", "error_count", "counter", "failure_flags", "temperature", "index", "count", "connection_type",
-     "info"),
-)  # fmt: skip
+    290,
+    "ESC_INFO",
+    251,
+    struct.Struct("<Q4IH4H4hBBBB"),
+    (
+        "time_usec",
+        "error_count",
+        "counter",
+        "failure_flags",
+        "temperature",
+        "index",
+        "count",
+        "connection_type",
+        "info",
+    ),
+)
 ESC_STATUS = EscMessage(
     291,
     "ESC_STATUS",

@@ -18,8 +18,15 @@ _ARDUCOPTER_MODES = {
     11: "DRIFT", 13: "SPORT", 16: "POSHOLD", 17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
 }  # fmt: skip
 _PX4_MODES = {
-    1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED", 8: "RATTITUDE",
-}  # fmt: skip
+    1: "MANUAL",
+    2: "ALTCTL",
+    3: "POSCTL",
+    4: "AUTO",
+    5: "ACRO",
+    6: "OFFBOARD",
+    7: "STABILIZED",
+    8: "RATTITUDE",
+}
 _PX4_THRUST_TYPES = {2, 3, 4, 13, 14, 15, 19, 20, 21, 22, 29, 35}
 """MAV_TYPEs whose SET_ATTITUDE_TARGET.thrust PX4 uses (fill_thrust); MAV_TYPE_GENERIC is ignored there."""
 
@@ -58,7 +65,9 @@ class ThrustMap:
 
 def stack_of(heartbeat: Heartbeat | None) -> Stack:
     """The firmware a heartbeat names."""
-    return Stack.OTHER if heartbeat is None else _STACKS.get(heartbeat.autopilot, Stack.OTHER)
+    if heartbeat is None:
+        return Stack.OTHER
+    return _STACKS.get(heartbeat.autopilot, Stack.OTHER)
 
 
 def mode_name(heartbeat: Heartbeat) -> str:
@@ -80,9 +89,19 @@ def needed_parameters(stack: Stack) -> tuple[str, ...]:
     """Parameters read at connect."""
     if stack is Stack.ARDUPILOT:
         return (
-            "GUID_OPTIONS", "GUID_TIMEOUT", "MOT_THST_HOVER", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO",
-            "ATC_INPUT_TC", "ATC_ANG_RLL_P", "ATC_ANG_PIT_P", "ATC_RATE_FF_ENAB", "ATC_ACCEL_R_MAX", "ATC_ACCEL_P_MAX",
-        )  # fmt: skip
+            "GUID_OPTIONS",
+            "GUID_TIMEOUT",
+            "MOT_THST_HOVER",
+            "MOT_SPIN_MIN",
+            "MOT_SPIN_MAX",
+            "MOT_THST_EXPO",
+            "ATC_INPUT_TC",
+            "ATC_ANG_RLL_P",
+            "ATC_ANG_PIT_P",
+            "ATC_RATE_FF_ENAB",
+            "ATC_ACCEL_R_MAX",
+            "ATC_ACCEL_P_MAX",
+        )
     if stack is Stack.PX4:
         return ("MPC_THR_HOVER", "THR_MDL_FAC", "MC_ROLL_P", "MC_PITCH_P")
     return ()
@@ -97,17 +116,13 @@ def thrust_meaning(heartbeat: Heartbeat, parameters: Mapping[str, float]) -> Thr
     if stack is Stack.ARDUPILOT:
         if "GUID_OPTIONS" not in parameters:
             return ThrustMeaning.UNKNOWN
-        return (
-            ThrustMeaning.THRUST
-            if int(parameters["GUID_OPTIONS"]) & 8
-            else ThrustMeaning.CLIMB_RATE
-        )
+        if int(parameters["GUID_OPTIONS"]) & 8:
+            return ThrustMeaning.THRUST
+        return ThrustMeaning.CLIMB_RATE
     if stack is Stack.PX4:
-        return (
-            ThrustMeaning.THRUST
-            if heartbeat.vehicle_type in _PX4_THRUST_TYPES
-            else ThrustMeaning.IGNORED
-        )
+        if heartbeat.vehicle_type in _PX4_THRUST_TYPES:
+            return ThrustMeaning.THRUST
+        return ThrustMeaning.IGNORED
     return ThrustMeaning.UNKNOWN
 
 
@@ -131,7 +146,10 @@ def thrust_map(stack: Stack, parameters: Mapping[str, float], hover: float) -> T
 def _linearised(hover: float, low: float, high: float, expo: float) -> ThrustMap:
     """ArduPilot's thrust about ``hover``; asked for at every setpoint, changed by few."""
     e = min(max(expo, 0.0), 1.0)
-    x = hover if e < 1e-3 else ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * hover)) / (2.0 * e)
+    if e < 1e-3:
+        x = hover
+    else:
+        x = ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * hover)) / (2.0 * e)
     span = max(high - low, 0.1)
     output = low + span * x
     lift = (1.0 - e) * output + e * output**2

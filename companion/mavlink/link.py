@@ -85,7 +85,9 @@ class Link:
     def fileno(self) -> int:
         """What select() waits on; -1 while a TCP peer is away."""
         fd = getattr(self._connection, "fd", None)
-        return -1 if fd is None else int(fd)
+        if fd is None:
+            return -1
+        return int(fd)
 
     def identify(self, system: int, component: int) -> None:
         """Send as this system and component."""
@@ -133,7 +135,9 @@ class Link:
             raise LinkError(
                 f"{self.endpoint}: lost ({error}); plug it in again and restart"
             ) from None
-        return bytes(data) if data else b""
+        if data:
+            return bytes(data)
+        return b""
 
     def send(self, message_id: int, payload: bytes) -> bytes:
         """Send one message; returns the frame for the recorder."""
@@ -156,7 +160,9 @@ class Link:
     @property
     def peers(self) -> tuple[tuple[str, int], ...]:
         """Addresses of a UDP socket's peers; none for a stream, which needs none."""
-        return () if self._datagrams is None else self._datagrams.peers
+        if self._datagrams is None:
+            return ()
+        return self._datagrams.peers
 
     def frame(self, message_id: int, payload: bytes) -> bytes:
         """A finished frame that is not sent now, and unsigned."""
@@ -189,7 +195,9 @@ class Link:
     def _taken(self, data: bytes) -> int:
         """How many bytes the port takes at once."""
         try:
-            return os.write(self.fileno, data) if data else 0
+            if data:
+                return os.write(self.fileno, data)
+            return 0
         except BlockingIOError:
             return 0
 

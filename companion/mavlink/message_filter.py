@@ -47,7 +47,10 @@ def is_autopilot_heartbeat(frame: Frame) -> bool:
     """A HEARTBEAT of a flight controller: component 1, and not the 'no autopilot' of a ground station."""
     if frame.id != HEARTBEAT or frame.component != AUTOPILOT_COMPONENT:
         return False
-    autopilot = frame.payload[_AUTOPILOT_BYTE] if len(frame.payload) > _AUTOPILOT_BYTE else 0
+    if len(frame.payload) > _AUTOPILOT_BYTE:
+        autopilot = frame.payload[_AUTOPILOT_BYTE]
+    else:
+        autopilot = 0
     return autopilot != NO_AUTOPILOT
 
 
@@ -102,7 +105,9 @@ class Intake:
         sample = decode(frame, arrival_us, self.clock)
         if type(sample) is Range:
             if sample.source == "RANGEFINDER":
-                return None if self._down_heard else sample
+                if self._down_heard:
+                    return None
+                return sample
             self._down_heard |= (
                 sample.direction_frd is not None and sample.direction_frd[2] > _DOWN_COS
             )

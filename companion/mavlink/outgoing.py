@@ -45,7 +45,9 @@ def timesync(now_us: int) -> Message:
 def timesync_answer(payload: bytes) -> tuple[int, int] | None:
     """When our question left, by our clock, and what the answering clock read [us]; None: no answer to us."""
     theirs, asked = unpacked(TIMESYNC, payload)
-    return (asked // 1000, theirs // 1000) if theirs > 0 and asked % 1000 == _OURS_NS else None
+    if theirs > 0 and asked % 1000 == _OURS_NS:
+        return (asked // 1000, theirs // 1000)
+    return None
 
 
 def named_value_float(boot_ms: int, name: str, value: float) -> Message:

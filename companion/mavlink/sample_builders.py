@@ -37,15 +37,17 @@ def attitude_quaternion(
     head: Head, name: str, q: Quaternion, rates: Vector3
 ) -> samples.Attitude | None:
     unit = unit_quaternion(q)
-    return (
-        samples.Attitude(*head, unit, rates, name) if unit is not None and finite(rates) else None
-    )
+    if unit is not None and finite(rates):
+        return samples.Attitude(*head, unit, rates, name)
+    return None
 
 
 def position(
     head: Head, _: str, position: Vector3, velocity: Vector3
 ) -> samples.LocalPosition | None:
-    return samples.LocalPosition(*head, position, velocity) if finite(position, velocity) else None
+    if finite(position, velocity):
+        return samples.LocalPosition(*head, position, velocity)
+    return None
 
 
 def imu(head: Head, name: str, force: Vector3, gyro: Vector3, sensor: int = 0) -> samples.Imu:
@@ -64,20 +66,40 @@ def highres_imu(
 
 
 def distance_sensor(
-    head: Head, name: str, distance: float, limits: tuple[float, float], variance: float, q: Quaternion,
-    orientation: int, sensor: int, quality: int,
-) -> samples.Range:  # fmt: skip
+    head: Head,
+    name: str,
+    distance: float,
+    limits: tuple[float, float],
+    variance: float,
+    q: Quaternion,
+    orientation: int,
+    sensor: int,
+    quality: int,
+) -> samples.Range:
     low, high = limits if limits[1] > 0.0 else (NAN, NAN)
     direction = beam_direction(orientation, q)
     verdict = range_verdict(distance, low, high, quality, direction is not None)
-    sigma = math.sqrt(variance) if variance == variance else None
+    if not math.isnan(variance):
+        sigma = math.sqrt(variance)
+    else:
+        sigma = None
     return samples.Range(
-        *head, direction, orientation, sensor, distance, low, high, sigma, quality or None, verdict, name
-    )  # fmt: skip
+        *head,
+        direction,
+        orientation,
+        sensor,
+        distance,
+        low,
+        high,
+        sigma,
+        quality or None,
+        verdict,
+        name,
+    )
 
 
 def rangefinder(head: Head, name: str, distance: float) -> samples.Range | None:
-    if distance != distance:
+    if math.isnan(distance):
         return None
     verdict = range_verdict(distance, NAN, NAN, 0, True)
     return samples.Range(*head, DOWN, 25, 0, distance, NAN, NAN, None, None, verdict, name)
@@ -88,16 +110,30 @@ _NORTHWARD_FRAMES, _BODY_FRAMES = (0, 1), (8, 12)
 
 
 def obstacle_distance(
-    head: Head, _: str, distances: tuple[float, ...], limits: tuple[float, float], steps: tuple[float, float],
-    offset: float, frame: int,
-) -> samples.Ring | None:  # fmt: skip
+    head: Head,
+    _: str,
+    distances: tuple[float, ...],
+    limits: tuple[float, float],
+    steps: tuple[float, float],
+    offset: float,
+    frame: int,
+) -> samples.Ring | None:
     low, high = limits
     whole, fine = steps
-    step = fine if fine > 0.0 else whole
-    if not (step > 0.0 and offset == offset) or frame not in (*_NORTHWARD_FRAMES, *_BODY_FRAMES):
+    if fine > 0.0:
+        step = fine
+    else:
+        step = whole
+    if not (step > 0.0 and not math.isnan(offset)) or frame not in (
+        *_NORTHWARD_FRAMES,
+        *_BODY_FRAMES,
+    ):
         return None
     used = distances[: int(2.0 * math.pi / step + 1e-3)]
-    beyond = high if high > 0.0 else math.inf
+    if high > 0.0:
+        beyond = high
+    else:
+        beyond = math.inf
     # NaN where nothing is known; at its least distance or nearer a sensor says nothing either.
     known = tuple([NAN if not d > low else math.inf if d >= beyond else d for d in used])
     bearings = tuple([offset + k * step for k in range(len(used))])
@@ -121,19 +157,23 @@ def esc_info(head: Head, _: str, temperature: Any, _index: int) -> samples.EscTe
 def rpm(head: Head, name: str, rpm: tuple[float, float]) -> samples.RotorSpeeds | None:
     # ArduPilot says -1 for a sensor that is absent or unhealthy.
     known = tuple(v if v >= 0.0 else NAN for v in rpm)
-    return samples.RotorSpeeds(*head, 1, known, name) if any(v == v for v in known) else None
+    if any(not math.isnan(v) for v in known):
+        return samples.RotorSpeeds(*head, 1, known, name)
+    return None
 
 
 def raw_rpm(head: Head, name: str, rpm: float, index: int) -> samples.RotorSpeeds | None:
-    return samples.RotorSpeeds(*head, index + 1, (rpm,), name) if rpm >= 0.0 else None
+    if rpm >= 0.0:
+        return samples.RotorSpeeds(*head, index + 1, (rpm,), name)
+    return None
 
 
 def battery(
     head: Head, name: str, cells: Any, more: Any, current: float, _id: int = 0
 ) -> samples.Battery | None:
     # Pack voltage in the first place and cells one by one add up alike; above 65 V ArduPilot spreads the pack over two.
-    volts = math.fsum(v for v in (*cells, *more) if v == v)
-    if not volts > 0.0 and current != current:
+    volts = math.fsum(v for v in (*cells, *more) if not math.isnan(v))
+    if not volts > 0.0 and math.isnan(current):
         return None
     return samples.Battery(*head, volts if volts > 0.0 else NAN, current, name)
 
@@ -143,28 +183,30 @@ def sys_status(head: Head, name: str, voltage: float, current: float) -> samples
 
 
 def pressure(head: Head, name: str, pressure: float, temperature: float) -> samples.Pressure | None:
-    return samples.Pressure(*head, pressure, temperature, name) if pressure > 0.0 else None
+    if pressure > 0.0:
+        return samples.Pressure(*head, pressure, temperature, name)
+    return None
 
 
 def attitude_target(
     head: Head, _: str, q: Quaternion, thrust: float
 ) -> samples.AttitudeTarget | None:
-    return (
-        samples.AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust)
-        if thrust == thrust
-        else None
-    )
+    if not math.isnan(thrust):
+        return samples.AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust)
+    return None
 
 
 def parameter(head: Head, _: str, value: float, name: str, kind: int) -> samples.Parameter | None:
     number = parameter_value(value, kind)
-    return samples.Parameter(*head, name, number) if name and number == number else None
+    if name and not math.isnan(number):
+        return samples.Parameter(*head, name, number)
+    return None
 
 
 def estimator_status(
     head: Head, name: str, ratios: tuple[float, ...], flags: int, accuracy: float = NAN
 ) -> samples.EstimatorStatus:
-    largest = max((r for r in ratios if r == r), default=NAN)
+    largest = max((r for r in ratios if not math.isnan(r)), default=NAN)
     return samples.EstimatorStatus(*head, flags, accuracy, largest, name)
 
 

@@ -70,7 +70,9 @@ def tilt_by(q: Quaternion, roll: float, pitch: float) -> Quaternion:
 
 def whole_rate_mask(type_mask: int) -> int:
     """A partial rate mask re-initialises ArduPilot's GUIDED at every message: ignore all rates or none."""
-    return type_mask | RATES_IGNORED if type_mask & RATES_IGNORED else type_mask
+    if type_mask & RATES_IGNORED:
+        return type_mask | RATES_IGNORED
+    return type_mask
 
 
 def encode(command: Command, system: int, component: int = 1) -> Message:
@@ -89,9 +91,23 @@ def encode(command: Command, system: int, component: int = 1) -> Message:
             component,
             mask,
         )
-    mask = _POSITION_AND_YAW if command.acceleration_ned is None else _POSITION_AND_ACCELERATION
+    if command.acceleration_ned is None:
+        mask = _POSITION_AND_YAW
+    else:
+        mask = _POSITION_AND_ACCELERATION
     acceleration = command.acceleration_ned or (0.0, 0.0, 0.0)
     return message(
-        SET_POSITION_TARGET, boot_ms, *command.position_ned, 0.0, 0.0, 0.0, *acceleration, command.yaw, 0.0,
-        mask, system, component, _LOCAL_NED,
-    )  # fmt: skip
+        SET_POSITION_TARGET,
+        boot_ms,
+        *command.position_ned,
+        0.0,
+        0.0,
+        0.0,
+        *acceleration,
+        command.yaw,
+        0.0,
+        mask,
+        system,
+        component,
+        _LOCAL_NED,
+    )

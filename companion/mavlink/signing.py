@@ -34,9 +34,10 @@ class Signatures:
         stamp = int.from_bytes(raw[-12:-6], "little")
         stream = (raw[-SIGNATURE_BYTES], frame.system, frame.component)
         newest = state.stream_timestamps.get(stream)
-        replayed = (
-            stamp <= newest if newest is not None else stamp + _NEW_STREAM_US10 < state.timestamp
-        )
+        if newest is not None:
+            replayed = stamp <= newest
+        else:
+            replayed = stamp + _NEW_STREAM_US10 < state.timestamp
         if replayed or not hmac.compare_digest(self._digest(raw[:-6]), raw[-6:]):
             self.refused += 1
             return False

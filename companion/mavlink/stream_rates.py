@@ -114,7 +114,9 @@ class StreamKeeper:
             self._checked_s = now_s
             return list(self.wanted)
         if now_s - self._checked_s < _CHECK_S:
-            return self._glance() if noted else []
+            if noted:
+                return self._glance()
+            return []
         self._checked_s = now_s
         slow = [w for w in self.wanted if self.rate(w.message_id, now_s) < _ENOUGH * w.hz]
         self._fast = set(self._count) - {w.message_id for w in slow}

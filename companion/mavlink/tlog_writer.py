@@ -128,7 +128,10 @@ def _filled(text: str) -> str:
 def _create(path: Path) -> io.FileIO:
     """A new file of this name, or of the first free one behind it."""
     for k in range(1, _MOST_COPIES):
-        name = path if k == 1 else path.with_name(f"{path.stem}-{k}{path.suffix}")
+        if k == 1:
+            name = path
+        else:
+            name = path.with_name(f"{path.stem}-{k}{path.suffix}")
         try:
             return io.FileIO(str(name), "xb")
         except FileExistsError:

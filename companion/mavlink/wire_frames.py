@@ -91,7 +91,10 @@ def checked_end(data: bytes, at: int) -> int:
     n = len(data)
     if at + _V2_AROUND <= n and data[at] == V2:
         end = at + 10 + data[at + 1]
-        following = end + 2 + SIGNATURE_BYTES if data[at + 2] & 1 else end + 2
+        if data[at + 2] & 1:
+            following = end + 2 + SIGNATURE_BYTES
+        else:
+            following = end + 2
         extra = _EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
     elif at + _V1_AROUND <= n and data[at] == V1:
         end = at + 6 + data[at + 1]
@@ -125,7 +128,10 @@ def walk(
             i = following
             continue
         begun = data[at] == V1 or (data[at] == V2 and at + _V2_AROUND <= n)
-        following = at + frame_bytes(data, at) if begun else n + 1
+        if begun:
+            following = at + frame_bytes(data, at)
+        else:
+            following = n + 1
         if following == n or (following + ahead < n and data[following + ahead] in (V1, V2)):
             if cut(data, at).id not in _EXTRA:
                 # A message of another dialect cannot be checked; the frame after it vouches for its length.
@@ -139,7 +145,12 @@ def walk(
             break  # the rest of this frame has not arrived yet
         found = _resync(data, at + 1, searched=len(starts) > 0) - ahead
         if found < 0:
-            rest = _unfinished(data, i + 1) if not whole else i if proper else n
+            if not whole:
+                rest = _unfinished(data, i + 1)
+            elif proper:
+                rest = i
+            else:
+                rest = n
             counts.skipped_bytes += rest - i
             return starts, rest
         counts.skipped_bytes += found - i

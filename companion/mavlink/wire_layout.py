@@ -41,7 +41,10 @@ def wire_format(message_id: int) -> WireFormat:
     # Repeat and code of every field of a struct format such as "<IHH4f16sB"; numpy has the same codes.
     codes = re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)
     for name, (repeat, code) in zip(kind.ordered_fieldnames, codes, strict=True):
-        width = 1 if code == "s" else int(repeat or 1)
+        if code == "s":
+            width = 1
+        else:
+            width = int(repeat or 1)
         places[name] = slice(at, at + width)
         at += width
         types.append((name, f"S{repeat}" if code == "s" else f"{repeat}<{code}"))
@@ -156,7 +159,7 @@ def finite(*groups: tuple[float, ...]) -> bool:
     """True where there is no NaN (inf never gets this far, and the limits keep the sum from reaching it)."""
     for group in groups:
         total = sum(group)
-        if total != total:
+        if math.isnan(total):
             return False
     return True
 

@@ -46,7 +46,10 @@ class PageFeed:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], _START_S)
-        line = self._process.stdout.readline().decode() if ready else ""
+        if ready:
+            line = self._process.stdout.readline().decode()
+        else:
+            line = ""
         if not line.startswith("http"):
             self._process.kill()
             self._process.wait()

@@ -43,8 +43,14 @@ class Store:
         """JSON ``{"last": n, "snapshots": [...]}`` with what came after ``number``, the newest 600 at most."""
         with self._lock:
             # A number from the future is one of a page that saw an earlier flight.
-            missing = self._count - number if 0 <= number <= self._count else self._count
-            lines = list(self._lines)[-min(missing, _MOST_A_REPLY) :] if missing else []
+            if 0 <= number <= self._count:
+                missing = self._count - number
+            else:
+                missing = self._count
+            if missing:
+                lines = list(self._lines)[-min(missing, _MOST_A_REPLY) :]
+            else:
+                lines = []
             return b'{"last":%d,"snapshots":[%s]}' % (self._count, b",".join(lines))
 
 
@@ -103,11 +109,17 @@ def serve(host: str, port: int, lines: IO[bytes]) -> int:
     try:
         server = _Server((host, port), handler(store))
     except (OSError, OverflowError) as error:
-        reason = "the port is taken" if getattr(error, "errno", None) == 98 else str(error)
+        if getattr(error, "errno", None) == 98:
+            reason = "the port is taken"
+        else:
+            reason = str(error)
         print(f"cannot be served ({reason}); name another port", flush=True)
         return 4
     os.nice(10)  # the flight goes first
-    shown = socket.gethostname() if host in ("0.0.0.0", "") else host
+    if host in ("0.0.0.0", ""):
+        shown = socket.gethostname()
+    else:
+        shown = host
     print(f"http://{shown}:{server.server_address[1]}/", flush=True)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     for line in lines:

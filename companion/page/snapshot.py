@@ -81,7 +81,9 @@ def _sizes(known: Adaptation) -> dict[str, Any]:
 
 
 def _number(value: float, digits: int = 3) -> float | None:
-    return round(float(value), digits) if math.isfinite(value) else None
+    if math.isfinite(value):
+        return round(float(value), digits)
+    return None
 
 
 def _surface(surface: Surface) -> dict[str, Any]:
@@ -105,7 +107,8 @@ def _fans(
     if wall.normal_ned is not None and rows is not None:
         body = -np.array(rows).T @ wall.normal_ned
         size = math.hypot(body[0], body[1])
-        towards = np.array([body[0] / size, body[1] / size, 0.0]) if size > 0.1 else towards
+        if size > 0.1:
+            towards = np.array([body[0] / size, body[1] / size, 0.0])
     places = config.vehicle.fan_positions_m @ towards
     return [
         [_number(place), _number(lip), _number(h), _number(d)]

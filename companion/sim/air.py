@@ -156,7 +156,9 @@ class LawConstants:
                 m += m * self.ridge_tilt * ridge - self.trapped_tilt * trapped
                 mz += self.torque_ridge * ridge
                 rms += self.rms_ridge * ridge
-        return Increments(x, self.side_share * x, z, -self.side_share * m, m, mz, rms)
+        return Increments(
+            x=x, y=self.side_share * x, z=z, mx=-self.side_share * m, my=m, mz=mz, rms=rms
+        )
 
 
 NOMINAL = LawConstants()

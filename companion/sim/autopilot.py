@@ -278,7 +278,9 @@ class Autopilot:
         if not self.armed:
             return "none"
         streaming = self.guided is Guided.ATTITUDE and self.mode in self.stream_modes
-        return "stream" if streaming else "position"
+        if streaming:
+            return "stream"
+        return "position"
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
@@ -332,10 +334,16 @@ class Autopilot:
         self.time_s = time_s
         self._acc_filtered += (now.down_acceleration - self._acc_filtered) * SHARE_20_HZ
         self._watch_ground(now, touching)
-        throttle = self._outer(now) if self.armed else 0.0
+        if self.armed:
+            throttle = self._outer(now)
+        else:
+            throttle = 0.0
         if not self.armed or (self.landed and throttle <= 0.0):
             self.throttle = 0.0
-            rest = self.mixer.idle if self.armed else self.mixer.stop
+            if self.armed:
+                rest = self.mixer.idle
+            else:
+                rest = self.mixer.stop
             rest()
             self._relax(now)
             return self.mixer.pwm
@@ -398,14 +406,16 @@ class Autopilot:
         if self.mode is not Mode.GUIDED:
             self._demand_attitude(0.0, 0.0, self.shaped[2])
             return 0.0
-        return (
-            self._attitude_command(now) if self.guided is Guided.ATTITUDE else self._to_target(now)
-        )
+        if self.guided is Guided.ATTITUDE:
+            return self._attitude_command(now)
+        return self._to_target(now)
 
     def _level(self, now: Estimate) -> float:
         """Level, and the height held."""
         self._demand_attitude(0.0, 0.0, self.shaped[2])
-        return self._climb(now, 0.0) if not self.landed else 0.0
+        if not self.landed:
+            return self._climb(now, 0.0)
+        return 0.0
 
     def _to_target(self, now: Estimate) -> float:
         """Position control, take-off included."""

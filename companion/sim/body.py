@@ -89,7 +89,10 @@ class MotorOutput:
         """Output 0...1 for a thrust 0...1."""
         t = min(1.0, max(0.0, thrust))
         e = self.expo
-        x = ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * t)) / (2.0 * e) if e else t
+        if e:
+            x = ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * t)) / (2.0 * e)
+        else:
+            x = t
         return self.lowest + (self.highest - self.lowest) * x
 
 
@@ -146,11 +149,9 @@ class Pack:
 def pulses(vehicle: Vehicle) -> tuple[float, float]:
     """Servo output of a stopped motor, and from there to full [us]."""
     curve = vehicle.throttle
-    return (
-        (curve.pwm_min_us, curve.pwm_max_us - curve.pwm_min_us)
-        if curve
-        else (PWM_LOW_US, PWM_SPAN_US)
-    )
+    if curve:
+        return (curve.pwm_min_us, curve.pwm_max_us - curve.pwm_min_us)
+    return (PWM_LOW_US, PWM_SPAN_US)
 
 
 def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
@@ -370,7 +371,12 @@ class Body:
             for k, torque in zip(fan.rotors, fan.cq_torque, strict=True):
                 mz += torque * rpm[k] * rpm[k]
             flow = math.sqrt(RHO_SEA_LEVEL * self._area * max(t0, 0.0)) * self._ram
-            corner = added(corner, corner_wrench(fan, t0, square, inc, radius, cb, sb))
+            corner = added(
+                corner,
+                corner_wrench(
+                    fan=fan, lift=t0, square=square, inc=inc, radius=radius, cb=cb, sb=sb
+                ),
+            )
             unsteady = added(unsteady, unsteady_wrench(fan, t0 * inc.rms, noise, 6 * i, radius))
             drag = added(drag, momentum_drag(fan, flow, u, v, radius))
             lifts.append(t0 * (1.0 + inc.z + inc.rms * noise[6 * i + 2]))

@@ -59,7 +59,9 @@ class CompareSettings:
     @property
     def approaches(self) -> int:
         """In each flight."""
-        return APPROACHES if self.adapt is Adapt.FULL else 1
+        if self.adapt is Adapt.FULL:
+            return APPROACHES
+        return 1
 
     @cached_property
     def flown_vehicle(self) -> Vehicle:
@@ -79,13 +81,21 @@ def fly(settings: CompareSettings, leg: Leg, seed: int) -> Flown:
     once = build(settings.scenario, vehicle, air=leg is not Leg.FREE)
     config = None
     if leg is not Leg.AUTOPILOT:
-        adapt = Adapt.FULL if leg is Leg.ADAPTED else Adapt.OFF
+        if leg is Leg.ADAPTED:
+            adapt = Adapt.FULL
+        else:
+            adapt = Adapt.OFF
         offsets = leg in (Leg.ON, Leg.ADAPTED)
         config = PipelineConfig(vehicle, settings.choice.model, offsets=offsets, adapt=adapt)
     return fly_judged(
-        SimulatedFlight(vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator), config, leg,
-        approach_s=once.duration_s if several else math.inf, record=settings.record if leg is Leg.OFF else None,
-    )  # fmt: skip
+        SimulatedFlight(
+            vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator
+        ),
+        config,
+        leg,
+        approach_s=once.duration_s if several else math.inf,
+        record=settings.record if leg is Leg.OFF else None,
+    )
 
 
 def run_compare(

@@ -170,7 +170,9 @@ def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dic
 
 def _rounded(value: float, digits: int = 3) -> float | None:
     """None for what is not known."""
-    return None if math.isnan(value) else round(value, digits)
+    if math.isnan(value):
+        return None
+    return round(value, digits)
 
 
 # -- text ------------------------------------------------------------------------------------------------------------
@@ -185,8 +187,14 @@ def as_text(found: LegComparison) -> str:
     wide = len(found.seeds) > 1
     several = len(found.approaches) > 1
     wrong = ", ".join(f"{100.0 * share:.0f} % in {axis}" for axis, share in found.error().items())
-    of = f"{len(found.approaches)} approaches" if several else "one approach"
-    column = 13 if wide else 9
+    if several:
+        of = f"{len(found.approaches)} approaches"
+    else:
+        of = "one approach"
+    if wide:
+        column = 13
+    else:
+        column = 9
     lines = [
         f"sim:{found.scenario}, simulated, {of} in {found.flights[0].time_s[-1]:.0f} s, "
         + (f"{len(seeds)} seeds, mean ± sd" if wide else f"seed {seeds[0]}")
@@ -210,7 +218,10 @@ def as_text(found: LegComparison) -> str:
                 f"{_rms(flights, 'height', k, p):.1f} / {_rms(flights, 'lateral', k, p):.1f}"
                 for p in found.phases
             )
-            name = f"  approach {k}" if several else leg.value
+            if several:
+                name = f"  approach {k}"
+            else:
+                name = leg.value
             lines.append(f"{name:{_NAME}}" + "".join(f"{cell:>{_CELL}}" for cell in cells))
     for leg, words in OFFSETS.items():
         part = air_part(found.flights, leg)
@@ -223,10 +234,18 @@ def as_text(found: LegComparison) -> str:
 def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> str:
     cells = ""
     for axis in AXES:
-        digits = 2 if axis == "tilt" else 0 if wide else 1
+        if axis == "tilt":
+            digits = 2
+        elif wide:
+            digits = 0
+        else:
+            digits = 1
         for number in ("rms", "peak"):
             mean, sd = spread(flights, lambda f, number=number, axis=axis: getattr(f, number)(axis))  # type: ignore[misc]
-            cell = f"{mean:.{digits}f} ± {sd:.{digits}f}" if wide else f"{mean:.{digits}f}"
+            if wide:
+                cell = f"{mean:.{digits}f} ± {sd:.{digits}f}"
+            else:
+                cell = f"{mean:.{digits}f}"
             cells += f"{cell:>{column}}"
     touched, _ = spread(flights, lambda f: f.touched_s)
     return f"{leg.value:{_NAME}}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}"

@@ -54,7 +54,9 @@ class SimulatedFlight:
     @property
     def script_s(self) -> float:
         """Time of the script; -1 before it begins."""
-        return self.time_s - self.script_began_s if math.isfinite(self.script_began_s) else -1.0
+        if math.isfinite(self.script_began_s):
+            return self.time_s - self.script_began_s
+        return -1.0
 
     @property
     def reference(self) -> ScriptPoint:

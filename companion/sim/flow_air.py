@@ -54,7 +54,9 @@ class FlowAir:
             (1.0 - a) * ((1.0 - b) * p + b * q) + a * ((1.0 - b) * r + b * s)
             for p, q, r, s in zip(*rows, strict=True)
         ]
-        return Increments(x, y, z, mx, my, mz, NOMINAL.increments(eta, delta).rms)
+        return Increments(
+            x=x, y=y, z=z, mx=mx, my=my, mz=mz, rms=NOMINAL.increments(eta, delta).rms
+        )
 
     def _cell(self, axis: int, value: float) -> tuple[int, float]:
         """The knot below a distance, and how far it is towards the next."""

@@ -31,9 +31,21 @@ PHASES = ("low", "wall", "corner", "between")
 _STAYS = {"ground": 0, "wall": 1, "corner": 2}
 """Phases of a script and their places in ``PHASES``."""
 TRUTH = (
-    "script_s", "ref_n", "ref_e", "ref_d", "n", "e", "d", "roll", "pitch", "need_roll", "need_pitch", "streamed",
-    "contact", "phase",
-)  # fmt: skip
+    "script_s",
+    "ref_n",
+    "ref_e",
+    "ref_d",
+    "n",
+    "e",
+    "d",
+    "roll",
+    "pitch",
+    "need_roll",
+    "need_pitch",
+    "streamed",
+    "contact",
+    "phase",
+)
 """Columns of what truly happened."""
 
 
@@ -71,7 +83,9 @@ class Flown:
     @property
     def approaches(self) -> int:
         """How many there are in this flight."""
-        return 1 if math.isinf(self.approach_s) else round(self.time_s[-1] / self.approach_s)
+        if math.isinf(self.approach_s):
+            return 1
+        return round(float(self.time_s[-1]) / self.approach_s)
 
     def during(self, approach: int | None = None, phase: str | None = None) -> NDArray[np.bool_]:
         """(n,): whether an instant belongs to an approach, counted from 1, and to one of ``PHASES``; None: to any."""
@@ -93,8 +107,13 @@ class Flown:
 
     def rms(self, axis: str, rows: NDArray[np.bool_] | None = None) -> float:
         """Root mean square of ``axis`` over all or some instants; NaN over none."""
-        size = self.size(axis) if rows is None else self.size(axis)[rows]
-        return float(np.sqrt(np.mean(size**2))) if size.size else math.nan
+        if rows is None:
+            size = self.size(axis)
+        else:
+            size = self.size(axis)[rows]
+        if size.size:
+            return float(np.sqrt(np.mean(size**2)))
+        return math.nan
 
     def peak(self, axis: str) -> float:
         """Largest error of ``axis``."""
@@ -120,10 +139,18 @@ class Witness:
             return
         reference = f.reference
         body = f.body
-        self._rows.append((
-            f.script_s, *reference.position, *body.position, *body.euler()[:2], *f.needed_tilt(),
-            f.autopilot.hand == "stream", body.contact, _STAYS.get(reference.phase, PHASES.index("between")),
-        ))  # fmt: skip
+        self._rows.append(
+            (
+                f.script_s,
+                *reference.position,
+                *body.position,
+                *body.euler()[:2],
+                *f.needed_tilt(),
+                f.autopilot.hand == "stream",
+                body.contact,
+                _STAYS.get(reference.phase, PHASES.index("between")),
+            )
+        )
 
     def columns(self) -> dict[str, Array]:
         """The numbers by name: SI, radians, world NED.
@@ -136,9 +163,14 @@ class Witness:
 
 
 def fly_judged(
-    flight: SimulatedFlight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf,
-    record: Path | None = None, pilot: type[ScriptedPilot] = ScriptedPilot,
-) -> Flown:  # fmt: skip
+    flight: SimulatedFlight,
+    config: PipelineConfig | None,
+    leg: Leg,
+    *,
+    approach_s: float = math.inf,
+    record: Path | None = None,
+    pilot: type[ScriptedPilot] = ScriptedPilot,
+) -> Flown:
     """Fly in lockstep and judge; ``config`` None: the autopilot flies. The same numbers on every machine."""
     witness = Witness(flight)
     companion = config is not None
@@ -147,8 +179,13 @@ def fly_judged(
     )
     world.fly(config, record)
     found = flown(leg, flight.seed, witness.columns(), approach_s)
-    known = None if world.companion is None else world.companion.summary.adaptation
-    return found if known is None else replace(found, adapted=known.as_json())
+    if world.companion is None:
+        known = None
+    else:
+        known = world.companion.summary.adaptation
+    if known is None:
+        return found
+    return replace(found, adapted=known.as_json())
 
 
 def flown(leg: Leg, seed: int, truth: Mapping[str, Array], approach_s: float = math.inf) -> Flown:

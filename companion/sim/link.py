@@ -149,8 +149,14 @@ class VehicleLink:
         if pilot.mode in pilot.stream_modes:
             base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
         coaxial = any(len(n.rotors) > 1 for n in self._flight.vehicle.fans)
-        kind = mavlink.MAV_TYPE_COAXIAL if coaxial else mavlink.MAV_TYPE_QUADROTOR
-        state = mavlink.MAV_STATE_STANDBY if pilot.landed else mavlink.MAV_STATE_ACTIVE
+        if coaxial:
+            kind = mavlink.MAV_TYPE_COAXIAL
+        else:
+            kind = mavlink.MAV_TYPE_QUADROTOR
+        if pilot.landed:
+            state = mavlink.MAV_STATE_STANDBY
+        else:
+            state = mavlink.MAV_STATE_ACTIVE
         return [
             mavlink.MAVLink_heartbeat_message(
                 kind, self.firmware, base, self._custom_mode(), state, 3
@@ -223,21 +229,34 @@ class VehicleLink:
     def _distances(self) -> Messages:
         return [
             mavlink.MAVLink_distance_sensor_message(
-                self.boot_ms, *_RANGE_CM, round(100.0 * sensor.reading_m), mavlink.MAV_DISTANCE_SENSOR_LASER, index,
-                sensor.sensor.orientation, self.range_covariance,
+                self.boot_ms,
+                *_RANGE_CM,
+                round(100.0 * sensor.reading_m),
+                mavlink.MAV_DISTANCE_SENSOR_LASER,
+                index,
+                sensor.sensor.orientation,
+                self.range_covariance,
             )
             for index, sensor in enumerate(self._flight.ranges)
-        ]  # fmt: skip
+        ]
 
     def _obstacles(self) -> Messages:
         out = []
         for ring in self._flight.rings:
             read = [min(round(100.0 * beam.reading_m), _RANGE_CM[1] + 1) for beam in ring]
             step_deg = 360.0 / len(ring)
-            out.append(mavlink.MAVLink_obstacle_distance_message(
-                self.boot_us, mavlink.MAV_DISTANCE_SENSOR_LASER, read + [65535] * (72 - len(read)),
-                round(step_deg), *_RANGE_CM, step_deg, 0.0, mavlink.MAV_FRAME_BODY_FRD,
-            ))  # fmt: skip
+            out.append(
+                mavlink.MAVLink_obstacle_distance_message(
+                    self.boot_us,
+                    mavlink.MAV_DISTANCE_SENSOR_LASER,
+                    read + [65535] * (72 - len(read)),
+                    round(step_deg),
+                    *_RANGE_CM,
+                    step_deg,
+                    0.0,
+                    mavlink.MAV_FRAME_BODY_FRD,
+                )
+            )
         return out
 
     def _esc_rpm(self) -> list[float]:
@@ -313,8 +332,14 @@ class VehicleLink:
         pilot = self._flight.autopilot
         f = self._flight
         if pilot.mode is Mode.GUIDED and not pilot.landed:
-            velocity = (0.0, 0.0, 0.0) if m.type_mask & 0x38 else (m.vx, m.vy, m.vz)
-            yaw = None if m.type_mask & 0x400 else m.yaw
+            if m.type_mask & 0x38:
+                velocity = (0.0, 0.0, 0.0)
+            else:
+                velocity = (m.vx, m.vy, m.vz)
+            if m.type_mask & 0x400:
+                yaw = None
+            else:
+                yaw = m.yaw
             pilot.fly_to(
                 PositionTarget((m.x, m.y, m.z), velocity, yaw=yaw, time_s=f.time_s), f.estimate
             )
@@ -373,12 +398,11 @@ class VehicleLink:
 
     def _on_param_request_read(self, m: Any) -> None:
         names = list(self._flight.autopilot.parameters)
-        name = (
-            m.param_id
-            if m.param_index < 0
-            else names[m.param_index]
-            if m.param_index < len(names)
-            else ""
-        )
+        if m.param_index < 0:
+            name = m.param_id
+        elif m.param_index < len(names):
+            name = names[m.param_index]
+        else:
+            name = ""
         if name in names:
             self._param_queue.append(name)

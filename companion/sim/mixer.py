@@ -65,7 +65,10 @@ class Mixer:
         # Moments come first: the mean throttle gives way so that no fan leaves 0...1.
         low = min(parts)
         high = max(parts)
-        throttle = min(max(throttle, -low), 1.0 - high) if high - low < 1.0 else 0.5
+        if high - low < 1.0:
+            throttle = min(max(throttle, -low), 1.0 - high)
+        else:
+            throttle = 0.5
         self._write_fans([self._motor.output(throttle + part) for part in parts])
         self.saturated = False
         for (channel, neutral, travel), (a, b, c) in zip(self._vanes, self._vane_rows, strict=True):
@@ -89,7 +92,10 @@ def effectiveness(vehicle: Vehicle) -> Array:
     for fan in vehicle.fans:
         x, y, _ = fan.position_m
         spin = sum(r.spin for r in fan.rotors) / len(fan.rotors)
-        torque = -spin * vehicle.rotor_radius_m * fan.cq / fan.ct if fan.cq and fan.ct else 0.0
+        if fan.cq and fan.ct:
+            torque = -spin * vehicle.rotor_radius_m * fan.cq / fan.ct
+        else:
+            torque = 0.0
         columns.append((1.0, -y, x, torque))
     for vane in vehicle.vanes:
         columns.append((0.0, *np.cross(vane.position_m, vane.axis)))

@@ -126,6 +126,12 @@ class ScriptedPilot:
         r = self._flight.reference
         nothing = (0.0, 0.0, 0.0, 0.0, 0.0)
         return mavlink.MAVLink_set_position_target_local_ned_message(
-            self._link.boot_ms, SYSTEM, component, mavlink.MAV_FRAME_LOCAL_NED, POSITION_AND_VELOCITY,
-            *r.position, *r.velocity, *nothing,
-        )  # fmt: skip
+            self._link.boot_ms,
+            SYSTEM,
+            component,
+            mavlink.MAV_FRAME_LOCAL_NED,
+            POSITION_AND_VELOCITY,
+            *r.position,
+            *r.velocity,
+            *nothing,
+        )

@@ -65,7 +65,8 @@ def launch(
 
     Raises LinkError where it does not start.
     """
-    port = free_port() if port is None else port
+    if port is None:
+        port = free_port()
     fresh = multiprocessing.get_context("spawn")
     news, tell = fresh.Pipe(duplex=False)
     process = fresh.Process(target=_run, args=(flight, pilot, port, tell), daemon=True)
@@ -95,7 +96,10 @@ class Narrator:
         """Call once per physics step."""
         flight = self._flight
         left_s = flight.scenario.duration_s - flight.script_s
-        phase = flight.reference.phase if left_s >= 0.0 else ""
+        if left_s >= 0.0:
+            phase = flight.reference.phase
+        else:
+            phase = ""
         if flight.script_s > 0.0 and self._phase != "" and phase != self._phase:
             self._phase = phase
             self._tell(phase and f"{phase} ({round(left_s)} s to go)")

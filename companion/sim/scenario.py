@@ -94,7 +94,10 @@ class Scenario:
         i = self._leg(time_s)
         a = self.waypoints[max(0, i - 1)]
         b = self.waypoints[min(i, len(self.waypoints) - 1)]
-        share = (time_s - a.time_s) / (b.time_s - a.time_s) if 0 < i < len(self.waypoints) else 0.0
+        if 0 < i < len(self.waypoints):
+            share = (time_s - a.time_s) / (b.time_s - a.time_s)
+        else:
+            share = 0.0
         return (
             a.towards_m + share * (b.towards_m - a.towards_m),
             a.height_m + share * (b.height_m - a.height_m),
@@ -139,8 +142,14 @@ class _Script:
         height: float | None = None,
         speed: float = 0.3,
     ) -> _Script:
-        x = self._x if towards is None else towards
-        z = self._z if height is None else height
+        if towards is None:
+            x = self._x
+        else:
+            x = towards
+        if height is None:
+            z = self._z
+        else:
+            z = height
         self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
         self._t += max(0.1, math.dist((x, z), (self._x, self._z)) / speed)
         self._x = x

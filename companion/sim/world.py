@@ -13,13 +13,17 @@ FLOW = "corner_cfd"
 
 def law_of(scenario: str, seed: int) -> SurfaceLaw:
     """What ground and wall do in a scenario. Raises ConfigError where that needs a package which is not there."""
-    return flow_air() if scenario == FLOW else disturbed(seed)
+    if scenario == FLOW:
+        return flow_air()
+    return disturbed(seed)
 
 
 def default_model(scenario: str) -> str | None:
     """The shipped model that flies unless another is named: in the air of the flow simulation its surrogate, made of
     the places that this air is not made of; None: the same as on a real vehicle."""
-    return f"{FLOW}_half" if scenario == FLOW else None
+    if scenario == FLOW:
+        return f"{FLOW}_half"
+    return None
 
 
 def check_scenario(name: str) -> None:

@@ -62,7 +62,9 @@ def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
 
 def _finite(value: float) -> float:
     """Beyond range is shown as -1: ground stations draw no infinity."""
-    return value if math.isfinite(value) else -1.0
+    if math.isfinite(value):
+        return value
+    return -1.0
 
 
 class StatusReporter:
@@ -91,7 +93,10 @@ class StatusReporter:
             boot_ms = int(max(decision.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
             for name, value in named_values(decision):
                 yield named_value_float(boot_ms, name, value), None
-        text = None if excused or _lifts_off(state, decision) else self._change(state, decision)
+        if excused or _lifts_off(state, decision):
+            text = None
+        else:
+            text = self._change(state, decision)
         if text is not None:
             yield from self.tell(text, warning=bool(decision.reasons))
         if decision.notice is not None and decision.notice != self._noticed:
@@ -106,7 +111,10 @@ class StatusReporter:
             yield from self.tell(
                 "companion: holding; position targets to component 191 move it", warning=False
             )
-        hint = None if self._advised else advice(stack_of(state.heartbeat), state.parameters)
+        if self._advised:
+            hint = None
+        else:
+            hint = advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True
             yield from self.tell(hint)
@@ -116,7 +124,10 @@ class StatusReporter:
 
         PX4 loses the end of a long text: the gravest refusal fits into one message or two, and the others follow.
         """
-        severity = _WARNING if warning else _INFO
+        if warning:
+            severity = _WARNING
+        else:
+            severity = _INFO
         said = text
         for part in text.removeprefix(_SENDER).split(_LESSER):
             self._number = self._number % 65535 + 1
@@ -134,7 +145,10 @@ class StatusReporter:
             self._pending = None
             return None
         graver = self._said is None or gravest != self._said[0]
-        awaited = gravest if graver else words
+        if graver:
+            awaited = gravest
+        else:
+            awaited = words
         t_s = decision.t_s
         if awaited != self._pending:
             self._pending = awaited
@@ -142,13 +156,19 @@ class StatusReporter:
             return None
         if t_s - self._pending_s < (_CALM_S if graver else _LESSER_CALM_S):
             return None
-        last_s = self._said_s.get(words, -math.inf) if graver else self._any_said_s
+        if graver:
+            last_s = self._said_s.get(words, -math.inf)
+        else:
+            last_s = self._any_said_s
         if 0.0 <= t_s - last_s < _REPEAT_S:
             return None
         self._said = (gravest, words)
         self._pending = None
         self._said_s[words] = self._any_said_s = t_s
-        late = f" ({1000.0 * decision.late_s:.0f} ms)" if decision.reasons[:1] in _LATENESS else ""
+        if decision.reasons[:1] in _LATENESS:
+            late = f" ({1000.0 * decision.late_s:.0f} ms)"
+        else:
+            late = ""
         return words.replace(gravest, gravest + late, 1)
 
 
@@ -167,7 +187,8 @@ def chunks(text: str) -> list[str]:
 def text_messages(severity: int, text: str, number: int) -> list[Message]:
     """The STATUSTEXT messages of one text of any length. ``number`` 1...65535 tells texts of several apart."""
     pieces = chunks(text)
-    number = number if len(pieces) > 1 else 0
+    if len(pieces) <= 1:
+        number = 0
     return [statustext(severity, piece, number, place) for place, piece in enumerate(pieces)]
 
 
@@ -197,7 +218,8 @@ def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
             "the ceiling": disturbance.ceiling,
         }
         about = " and ".join(name for name, surface in surfaces.items() if surface.seen is seen)
-        what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
+        if about:
+            what = re.sub("^(range(finder)?)", rf"\1 to {about}", what)
     if reason is Reason.HEIGHT_DRIFTS:
         what = what.replace("drifts", f"drifts {abs(state.drift.rate_m_s):.1f} m/s")
     if (

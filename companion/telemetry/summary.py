@@ -48,11 +48,15 @@ class Summary:
         last = self._last
         tuned = decision.tuned
         reasons = decision.reasons
-        dt = 0.0 if last is None else decision.t_s - last.t_s
+        if last is None:
+            dt = 0.0
+        else:
+            dt = decision.t_s - last.t_s
         if dt > _GAP_S:
             self._gaps_s += dt
             self._gaps += 1
-        dt = dt if 0.0 <= dt <= _GAP_S else 0.0
+        if not 0.0 <= dt <= _GAP_S:
+            dt = 0.0
         self._last = decision
         self.decisions += 1
         self._total_s += dt
@@ -77,10 +81,15 @@ class Summary:
     @property
     def adaptation(self) -> Adaptation | None:
         """The newest."""
-        return None if self._last is None else self._last.adaptation
+        if self._last is None:
+            return None
+        return self._last.adaptation
 
     def _margin_as_json(self) -> dict[str, Any] | None:
-        tuned = None if self._last is None else self._last.tuned
+        if self._last is None:
+            tuned = None
+        else:
+            tuned = self._last.tuned
         least = self._least_gain
         if tuned is None:
             return None
@@ -163,7 +172,9 @@ def _longest_first(seconds: Mapping[Reason, float]) -> list[tuple[Reason, float]
 
 def _rounded(gain: float) -> float | None:
     """A gain margin for JSON, which knows no infinity."""
-    return round(gain, 2) if math.isfinite(gain) else None
+    if math.isfinite(gain):
+        return round(gain, 2)
+    return None
 
 
 def adapted_text(known: Adaptation) -> list[str]:
@@ -171,7 +182,10 @@ def adapted_text(known: Adaptation) -> list[str]:
     shares = known.share_by_name()
     out = [f"  sizes, measured over {known.learned_s:.0f} s of flight:"]
     for name, e in known.estimates().items():
-        share = f", compensated {shares[name]:.2f}" if name in shares else ""
+        if name in shares:
+            share = f", compensated {shares[name]:.2f}"
+        else:
+            share = ""
         out.append(
             f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{share}".rstrip()
         )

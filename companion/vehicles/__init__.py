@@ -17,7 +17,9 @@ SHIPPED = {"tandem": TANDEM, "quad": QUAD}
 def vehicle_path(text: str) -> Path:
     """The value of ``--vehicle``, for argparse: a file, or the name of one that ships."""
     path = Path(text)
-    return path if path.exists() else SHIPPED.get(text, path)
+    if path.exists():
+        return path
+    return SHIPPED.get(text, path)
 
 
 def chosen_vehicle(path: Path | str | None) -> Vehicle:

@@ -121,7 +121,13 @@ class _Maker:
         free_of = TILT & math.isinf(place[1])
         mesh = self.mesh * (rpm / self.rpm) ** 2
         mixed = bool(self.mixed[~ODD].any())
-        made = ("corrected" if mixed else "half") if place in self.half[rpm] else "law"
+        if place in self.half[rpm]:
+            if mixed:
+                made = "corrected"
+            else:
+                made = "half"
+        else:
+            made = "law"
         return replace(
             part,
             wrench=self._free(rpm) + np.where(free_of, 0.0, part.wrench),
@@ -132,7 +138,10 @@ class _Maker:
 
     def _free(self, rpm: float) -> Array:
         """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
-        model = self.full if self.mixed[2] and FREE in self.full[rpm] else self.half
+        if self.mixed[2] and FREE in self.full[rpm]:
+            model = self.full
+        else:
+            model = self.half
         ratio = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
         out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
         return out
@@ -151,7 +160,9 @@ class _Maker:
             return None
         solved = added(self.full[rpm], place)
         other = self._half(place, rpm, alone=True) or self._by_law(place, rpm, alone=True)
-        return solved if place == FREE or other is None else _weighted(solved, other, self.mixed)
+        if place == FREE or other is None:
+            return solved
+        return _weighted(solved, other, self.mixed)
 
     def _half(self, place: Place, rpm: float, alone: bool = False) -> Label | None:
         """By a half model at that speed, with what full models add; ``alone``: those at other places."""
@@ -159,11 +170,10 @@ class _Maker:
             return None
         half = added(self.half[rpm], place)
         square = (rpm / self.rpm) ** 2
-        whole = (
-            None
-            if alone or rpm == self.rpm or place not in self.half[self.rpm]
-            else self._full(place, self.rpm)
-        )
+        if alone or rpm == self.rpm or place not in self.half[self.rpm]:
+            whole = None
+        else:
+            whole = self._full(place, self.rpm)
         if whole is not None:
             change = whole.wrench - added(self.half[self.rpm], place).wrench
             return replace(
@@ -173,14 +183,20 @@ class _Maker:
                 sigma=np.hypot(half.sigma, square * whole.sigma),
                 status=half.status,
             )
-        change = self.correction.left_out(place) if alone else self.correction.at(place)
+        if alone:
+            change = self.correction.left_out(place)
+        else:
+            change = self.correction.at(place)
         sigma = np.hypot(half.sigma, square * self.correction.error_at(place))
         return replace(half, wrench=half.wrench + square * change, sigma=sigma)
 
     def _by_law(self, place: Place, rpm: float, alone: bool = False) -> Label | None:
         """From the campaign's speed; None without a half model where that is asked ``alone``."""
         half = self._half(place, self.rpm, alone)
-        base = half if alone else self._full(place, self.rpm) or half
+        if alone:
+            base = half
+        else:
+            base = self._full(place, self.rpm) or half
         if base is None:
             return None
         square = (rpm / self.rpm) ** 2
@@ -268,11 +284,10 @@ def mesh_error(rows: Sequence[Row], setup: Setup) -> Array:
         for p, by in whole.items()
         if FREE in whole and p != FREE
     ]
-    return (
-        np.sqrt(np.mean([(np.ptp(a, axis=0) / 2) ** 2 for a in added], axis=0))
-        if added
-        else np.zeros(6)
-    )
+    if added:
+        halves = [np.ptp(a, axis=0) / 2 for a in added]
+        return np.asarray(np.sqrt(np.mean(np.square(halves), axis=0)))
+    return np.zeros(6)
 
 
 def write_data(path: Path, made: Assembled) -> None:

@@ -134,7 +134,10 @@ def run(
     def submit(position: Position, marching: bool) -> Future[Result]:
         start = start_for(position, list(done.values()))
         blades = polars.blades(setup, position.rpm, section, swirl=position.swirl)
-        neighbour = folder / start.key if start is not None else None
+        if start is not None:
+            neighbour = folder / start.key
+        else:
+            neighbour = None
         return pool.submit(
             compute, folder / position.key, setup, position, blades, neighbour, march=marching
         )

@@ -112,7 +112,11 @@ def sources(position: Position) -> list[tuple[str, str, int, float]]:
     out = []
     for disc, sense in zip(DISCS, (-1, 1), strict=True):
         for layer in range(LAYERS):
-            senses = (sense,) if position.swirl else (1, -1)
+            senses: tuple[int, ...]
+            if position.swirl:
+                senses = (sense,)
+            else:
+                senses = (1, -1)
             for s in senses:
                 zone = f"{disc}{layer}"
                 out.append(

@@ -217,7 +217,10 @@ class _Case:
     def _last(self, chunks: int) -> Array:
         """Samples (n, 6) of the last ``chunks`` chunks."""
         solver = self.setup.solver
-        per_chunk = 8 if self.steps else solver.chunk // solver.sample_every
+        if self.steps:
+            per_chunk = 8
+        else:
+            per_chunk = solver.chunk // solver.sample_every
         return self.samples[-chunks * per_chunk :, 1:7]
 
     def _window(self) -> Array:
@@ -247,7 +250,10 @@ class _Case:
             return False
         drift, swing = _moves(self._last(2))
         limit = self.setup.converged
-        most = limit.drift_free if self.position.place == FREE else limit.drift
+        if self.position.place == FREE:
+            most = limit.drift_free
+        else:
+            most = limit.drift
         still = drift <= self._allowed(most, limit.drift_of_effect)
         return bool(np.all(still) and np.all(swing <= self._allowed_swing()))
 
@@ -278,17 +284,24 @@ class _Case:
         if not self.finite():
             return "diverged"
         if self.settled():
-            return "marched" if self.steps else "steady"
+            if self.steps:
+                return "marched"
+            return "steady"
         if np.all(_moves(self._last(2))[1] <= self._allowed_swing()):
             return "drifting"
-        return "averaged" if self.averaged() else "cycling"
+        if self.averaged():
+            return "averaged"
+        return "cycling"
 
     def result(self, status: str, note: str = "") -> Result:
         """What the case gave; NaN without a sample."""
         if len(self.samples) == 0:
             self.samples = np.full((2, 10), math.nan)
         moving = status in ("averaged", "cycling")
-        last = self._window() if moving else self._last(2)
+        if moving:
+            last = self._window()
+        else:
+            last = self._last(2)
         drift, swing = _moves(last)
         more: dict[str, tuple[float, ...]] = {}
         if moving and self.steps:

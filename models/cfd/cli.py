@@ -33,9 +33,11 @@ def add(commands: Any, every: argparse.ArgumentParser) -> None:
         "--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states"
     )
     run.add_argument(
-        "--model", choices=("half", "full"), default="half",
+        "--model",
+        choices=("half", "full"),
+        default="half",
         help="half models without swirl (default), or full models with swirl",
-    )  # fmt: skip
+    )
     run.add_argument(
         "--jobs",
         type=int,
@@ -50,9 +52,12 @@ def add(commands: Any, every: argparse.ArgumentParser) -> None:
         "assemble", parents=[common], help="make the data set and its tables from computed cases"
     )
     assemble.add_argument(
-        "--work", type=Path, action="append", metavar="DIR",
+        "--work",
+        type=Path,
+        action="append",
+        metavar="DIR",
         help="folder of 'models cfd run'; may be given several times",
-    )  # fmt: skip
+    )
     assemble.add_argument(
         "--cases",
         type=Path,

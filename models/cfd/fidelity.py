@@ -86,7 +86,8 @@ class Correction:
         here = near(place)[None, :]
         alike = np.array([math.isinf(p[0]) == math.isinf(place[0]) for p in self.places])
         weight = _rbf(here, x, NEAR)[0] + np.finfo(float).tiny
-        weight = np.where(alike, weight, 0.0) if alike.any() else weight
+        if alike.any():
+            weight = np.where(alike, weight, 0.0)
         shape, there = (
             np.stack([_fade(at, 1, bool(wall)) for wall in TILT], axis=1) for at in (x, here)
         )
@@ -183,7 +184,9 @@ class _Component:
             inverse = np.linalg.inv(self._covariance(choice))
             left.append((inverse @ self.y / inverse.diagonal()) ** 2 @ self.weight)
         best = int(np.argmin(left))
-        return CHOICES[best] if left[best] < self.y**2 @ self.weight else None
+        if left[best] < self.y**2 @ self.weight:
+            return CHOICES[best]
+        return None
 
     @property
     def weight(self) -> Array:
@@ -200,7 +203,10 @@ class _Component:
         misses = []
         for i in range(len(self.y)):
             apart = np.sum((self.x - self.x[i]) ** 2, axis=1)
-            rest = (apart > APART**2) if self.wall else np.arange(len(self.y)) != i
+            if self.wall:
+                rest = apart > APART**2
+            else:
+                rest = np.arange(len(self.y)) != i
             known = _Component(self.x[rest], self.y[rest], self.error[rest], self.wall)
             misses.append(self.y[i] - known.predict(self.x[i], known.choose()))
         return np.array(misses)
@@ -211,11 +217,10 @@ class _Component:
         A case starts from the state of a neighbour: where the flow tips over, their errors have the same sign.
         """
         single = np.eye(len(self.y))
-        alike = (
-            (1.0 - TOGETHER) * single + TOGETHER * _rbf(self.x, self.x, NEAR)
-            if self.wall
-            else single
-        )
+        if self.wall:
+            alike = (1.0 - TOGETHER) * single + TOGETHER * _rbf(self.x, self.x, NEAR)
+        else:
+            alike = single
         error = self.error[:, None] * alike * self.error
         fade = _fade(self.x, choice.power, self.wall)
         prior = _kernel(self.x, self.x, choice, self.wall)
@@ -236,7 +241,9 @@ def _rbf(a: Array, b: Array, length: float) -> Array:
 def _fade(x: Array, power: int, wall: bool) -> Array:
     """Prior standard deviation (n,) over that at h = 1 R; of what takes a wall, times 1 / (0.5 + d)."""
     out: Array = np.maximum((x[:, 0] / near((1.0, math.inf))[0]) ** power, LEAST_FADE)
-    return out * x[:, 1] if wall else out
+    if wall:
+        return out * x[:, 1]
+    return out
 
 
 def _kernel(a: Array, b: Array, choice: KernelChoice, wall: bool) -> Array:

@@ -79,7 +79,10 @@ def run(folder: Path, program: str, *arguments: str) -> str:
         )
     if done.returncode != 0:
         fatal = re.search(r"FOAM FATAL.*?\n(.*?)\n\s*\n", output, re.S)
-        reason = " ".join(fatal[1].split()) if fatal else f"exit code {done.returncode}"
+        if fatal:
+            reason = " ".join(fatal[1].split())
+        else:
+            reason = f"exit code {done.returncode}"
         raise SolverError(
             f"case {folder.name}: {program} failed ({reason[:160]}); see {folder / 'log'}"
         )
@@ -138,10 +141,14 @@ def read_field(path: Path) -> Array:
         if uniform is None:
             raise SolverError(f"field {path}: no values in the cells")
         values = np.array([[float(v) for v in uniform[1].split()]])
-        return values if values.shape[1] == 3 else values[:, 0]
+        if values.shape[1] == 3:
+            return values
+        return values[:, 0]
     start, count, width = where
     values = np.frombuffer(raw, dtype="<f8", count=count * width, offset=start)
-    return values.reshape(count, width) if width > 1 else values
+    if width > 1:
+        return values.reshape(count, width)
+    return values
 
 
 def scale_field(path: Path, factor: float) -> None:
@@ -160,7 +167,10 @@ def _cells(raw: bytes, path: Path) -> tuple[int, int, int] | None:
     if head is None:
         return None
     count = int(head[2])
-    width = 3 if head[1] == b"vector" else 1
+    if head[1] == b"vector":
+        width = 3
+    else:
+        width = 1
     if len(raw) < head.end() + 8 * count * width:
         raise SolverError(f"field {path}: is cut short")
     return head.end(), count, width

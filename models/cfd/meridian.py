@@ -43,7 +43,10 @@ class Meridian:
         self.lip = fan.lip_thickness / 2
         lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
         upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
-        bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
+        if math.isfinite(position.h):
+            bottom = -position.h
+        else:
+            bottom = -mesh.far_below
         # Row 6 lies at 45 deg of the lip.
         lip_z = self.centre + self.lip * math.sin(LIP_TURN)
         self.z = np.array([bottom, fan.exit_height, *lower, *upper, lip_z, mesh.far])
@@ -64,8 +67,14 @@ class Meridian:
     def flank(self, *, outer: bool) -> Array:
         """Points (n, 2) from the upper disc's height up the straight part and to 45 deg of the lip."""
         crest = 1 + self.lip
-        reach = self.lip if outer else -self.lip
-        r0 = self.skin[5] if outer else 1.0
+        if outer:
+            reach = self.lip
+        else:
+            reach = -self.lip
+        if outer:
+            r0 = self.skin[5]
+        else:
+            r0 = 1.0
         z0 = self.z[5]
         straight = np.linspace(0, 1, 6)[1:, None] * [crest + reach - r0, self.centre - z0] + [
             r0,

@@ -78,7 +78,11 @@ class _Builder:
         self.around = self.n(mesh.azimuth / 3)
 
     def build(self) -> str:
-        halves = (1.0, -1.0) if self.position.swirl else (1.0,)
+        halves: tuple[float, ...]
+        if self.position.swirl:
+            halves = (1.0, -1.0)
+        else:
+            halves = (1.0,)
         for a, b in itertools.pairwise(self.angles):
             for row, column in itertools.product(range(7), range(4)):
                 if row not in SOLID.get(column, ()):
@@ -95,7 +99,9 @@ class _Builder:
 
     @property
     def _bottom(self) -> str:
-        return "ground" if math.isfinite(self.position.h) else "far"
+        if math.isfinite(self.position.h):
+            return "ground"
+        return "far"
 
     def _patch(self, points: Array) -> str:
         """Patch on which an outer face with these points (4, 3) in m lies."""
@@ -114,7 +120,9 @@ class _Builder:
         if at(1, 0.0):
             return "mirror"
         hub_m = self.scale_m * self.setup.fan.hub_radius
-        return "hub" if np.hypot(points[:, 0], points[:, 1]).max() < hub_m + 1e-9 else "duct"
+        if np.hypot(points[:, 0], points[:, 1]).max() < hub_m + 1e-9:
+            return "hub"
+        return "duct"
 
     # Points
 
@@ -125,9 +133,15 @@ class _Builder:
         c = math.cos(angle)
         s = math.sin(angle)
         box = self.setup.mesh.box
-        x = self.box_right if c > 0 else -box
+        if c > 0:
+            x = self.box_right
+        else:
+            x = -box
         # Only the mirror plane's two points and the four corners occur.
-        y = 0.0 if abs(s) < 1e-9 else math.copysign(box, s)
+        if abs(s) < 1e-9:
+            y = 0.0
+        else:
+            y = math.copysign(box, s)
         return self._cartesian(row, x, y)
 
     def _cartesian(self, row: int, x: float, y: float) -> int:
@@ -148,11 +162,15 @@ class _Builder:
         """One block between two angles: from core to hub, hub to bore, bore to skin or skin to box."""
         mesh = self.setup.mesh
         lo, hi = (self._corners(r, column, a, b) for r in (row, row + 1))
-        zone = {LOWER_ROW: "lowerDisc", UPPER_ROW: "upperDisc"}.get(row, "") if column == 1 else ""
+        if column == 1:
+            zone = {LOWER_ROW: "lowerDisc", UPPER_ROW: "upperDisc"}.get(row, "")
+        else:
+            zone = ""
         count = self.n((mesh.hub, mesh.bore, mesh.lip, mesh.ring)[column])
-        grade_r = (
-            both_ends(3.0) if column == 3 and self.wall_at_box else self.meridian.grade_r(column)
-        )
+        if column == 3 and self.wall_at_box:
+            grade_r = both_ends(3.0)
+        else:
+            grade_r = self.meridian.grade_r(column)
         self.out.block(
             [*lo, *hi],
             zone,
@@ -219,9 +237,10 @@ class _Builder:
         if self.right > self.box_right:
             room = self.right - self.box_right
             cells = max(3, round(n_outer * min(1.0, 0.35 + 0.65 * room / (far - box))))
-            grading = (
-                both_ends(2.0) if math.isfinite(self.position.d) else growing(room, cells, 0.2)
-            )
+            if math.isfinite(self.position.d):
+                grading = both_ends(2.0)
+            else:
+                grading = growing(room, cells, 0.2)
             columns.append((self.box_right, self.right, cells, grading))
         for k, (x0, x1, nx, gx) in enumerate(columns):
             if k != 1:

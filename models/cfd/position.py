@@ -49,12 +49,17 @@ class Position:
     @property
     def model(self) -> str:
         """``half`` or ``full``."""
-        return "full" if self.swirl else "half"
+        if self.swirl:
+            return "full"
+        return "half"
 
     @property
     def key(self) -> str:
         """Name of the case's folder and of its row."""
-        start = "" if self.approach == "near" else f"_from_{self.approach}"
+        if self.approach == "near":
+            start = ""
+        else:
+            start = f"_from_{self.approach}"
         return f"{self.model}_h{self.h:g}_d{self.d:g}_l{self.level:g}{start}_n{self.rpm:g}"
 
     @property

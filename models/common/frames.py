@@ -109,13 +109,41 @@ def measured_wrench(
     )
     ix, iy, iz = np.asarray(inertia_kgm2, dtype=float).tolist()
     (fx, fy, fz), (p, q, r), (pd, qd, rd) = f, w, wd
-    return np.stack(wrench_of_motion(fx, fy, fz, p, q, r, pd, qd, rd, mass_kg, ix, iy, iz), axis=-1)
+    return np.stack(
+        wrench_of_motion(
+            fx=fx,
+            fy=fy,
+            fz=fz,
+            p=p,
+            q=q,
+            r=r,
+            pd=pd,
+            qd=qd,
+            rd=rd,
+            mass_kg=mass_kg,
+            ixx=ix,
+            iyy=iy,
+            izz=iz,
+        ),
+        axis=-1,
+    )
 
 
 def wrench_of_motion(
-    fx: Any, fy: Any, fz: Any, p: Any, q: Any, r: Any, pd: Any, qd: Any, rd: Any,
-    mass_kg: float, ixx: float, iyy: float, izz: float,
-) -> tuple[Any, Any, Any, Any, Any, Any]:  # fmt: skip
+    fx: Any,
+    fy: Any,
+    fz: Any,
+    p: Any,
+    q: Any,
+    r: Any,
+    pd: Any,
+    qd: Any,
+    rd: Any,
+    mass_kg: float,
+    ixx: float,
+    iyy: float,
+    izz: float,
+) -> tuple[Any, Any, Any, Any, Any, Any]:
     """``measured_wrench`` by components, the same for floats (one instant in flight) and arrays (a record)."""
     return (
         mass_kg * fx,

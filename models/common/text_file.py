@@ -15,7 +15,10 @@ def read_text(what: str, path: Path, kind: type[UserError] = ConfigError) -> str
     try:
         return path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        if isinstance(error, OSError):
+            reason = error.strerror
+        else:
+            reason = "not UTF-8 text"
         raise kind(f"{what} {path}: cannot be read ({reason})") from None
 
 

@@ -30,7 +30,10 @@ class Bounds:
 
     def words(self) -> str:
         """The bounds for a person."""
-        bound = f"above {self.low:g}" if self.above else f"at least {self.low:g}"
+        if self.above:
+            bound = f"above {self.low:g}"
+        else:
+            bound = f"at least {self.low:g}"
         return bound + (f" and at most {self.high:g}" if math.isfinite(self.high) else "")
 
 
@@ -86,7 +89,10 @@ class Table:
                 raise self._missing(key)
         self._refuse_others(keys.values())
         record = kind(**taken)
-        problem = record.problem() if hasattr(record, "problem") else None
+        if hasattr(record, "problem"):
+            problem = record.problem()
+        else:
+            problem = None
         if problem is not None:
             raise self.fail(*problem)
         return record
@@ -126,20 +132,34 @@ class Table:
             isinstance(value, list) and value and all(isinstance(v, dict) for v in value)
         ):
             raise self.fail(key, "must be one or more tables")
-        count = None if args[-1] is Ellipsis else len(args)
+        if args[-1] is Ellipsis:
+            count = None
+        else:
+            count = len(args)
         if not isinstance(value, list) or count not in (None, len(value)):
-            words = "a list" if count is None else f"{'two' if count == 2 else 'three'} numbers"
+            if count is None:
+                words = "a list"
+            else:
+                words = f"{'two' if count == 2 else 'three'} numbers"
             raise self.fail(key, f"must be {words}, not {value!r}")
         return tuple(
             self._taken(f"{key}[{i}]", v, args[0], bound) for i, v in enumerate(value, int(tables))
         )
 
     def _text(self, key: str, value: Any, bound: Any) -> Any:
-        meaning = bound.meaning if isinstance(bound, Options) else None
+        if isinstance(bound, Options):
+            meaning = bound.meaning
+        else:
+            meaning = None
         if not isinstance(value, str) or (meaning is not None and value not in meaning):
-            expected = "text" if meaning is None else f"one of {', '.join(meaning)}"
+            if meaning is None:
+                expected = "text"
+            else:
+                expected = f"one of {', '.join(meaning)}"
             raise self.fail(key, f"must be {expected}, not {value!r}")
-        return value if meaning is None else meaning[value]
+        if meaning is None:
+            return value
+        return meaning[value]
 
     def _number(self, key: str, value: Any, bound: Bounds, *, whole: bool = False) -> int | float:
         usual = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
@@ -151,4 +171,6 @@ class Table:
             bound = Bounds(1.0)
         if not bound.low <= value <= bound.high or (bound.above and value == bound.low):
             raise self.fail(key, f"must be {bound.words()}, not {value:g}")
-        return int(value) if whole else float(value)
+        if whole:
+            return int(value)
+        return float(value)

@@ -24,9 +24,19 @@ from models.effects.effect import (
 )
 
 __all__ = [
-    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "FlightUse", "InFlight", "adopted",
-    "adopted_wrench", "catalogue", "corrected_state", "get",
-]  # fmt: skip
+    "AdoptedEffect",
+    "BelongsTo",
+    "Coefficient",
+    "Context",
+    "Effect",
+    "FlightUse",
+    "InFlight",
+    "adopted",
+    "adopted_wrench",
+    "catalogue",
+    "corrected_state",
+    "get",
+]
 
 
 @lru_cache(maxsize=1)
@@ -108,5 +118,6 @@ def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirSta
     """The state with adopted corrections of measurements."""
     for one in effects:
         correct = get(one.name).in_flight.corrected
-        state = state if correct is None else correct(state, one.parameters)
+        if correct is not None:
+            state = correct(state, one.parameters)
     return state

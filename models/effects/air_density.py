@@ -24,11 +24,9 @@ def _lacking(ctx: Context) -> str | None:
     share = ctx.density / RHO_SEA_LEVEL - 1.0
     if not np.isfinite(share).any():
         return "no pressure and air temperature in the log"
-    return (
-        None
-        if abs(float(np.nanmean(share))) > 0.01
-        else "the air has the model's density within 1 %"
-    )
+    if abs(float(np.nanmean(share))) > 0.01:
+        return None
+    return "the air has the model's density within 1 %"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:

@@ -51,11 +51,9 @@ def _lacking(ctx: Context) -> str | None:
     known = ctx.state.battery_voltage_v[np.isfinite(ctx.state.battery_voltage_v)]
     if not known.size:
         return "no battery voltage in the log"
-    return (
-        None
-        if np.ptp(known) > 0.005 * float(np.median(known))
-        else "the battery voltage did not change"
-    )
+    if np.ptp(known) > 0.005 * float(np.median(known)):
+        return None
+    return "the battery voltage did not change"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:

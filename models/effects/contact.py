@@ -27,12 +27,17 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    nearest = float(np.nanmin(ctx.state.d_m)) if np.isfinite(ctx.state.d_m).any() else np.inf
+    if np.isfinite(ctx.state.d_m).any():
+        nearest = float(np.nanmin(ctx.state.d_m))
+    else:
+        nearest = np.inf
     return tuple((s,) for s in (0.02, 0.04, 0.06, 0.08, 0.10) if s > nearest + 0.01)
 
 
 def _lacking(ctx: Context) -> str | None:
-    return None if _grid(ctx) else "never within 10 cm of a wall"
+    if _grid(ctx):
+        return None
+    return "never within 10 cm of a wall"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:

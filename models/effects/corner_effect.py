@@ -30,7 +30,9 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 def _lacking(ctx: Context) -> str | None:
     both = np.isfinite(ctx.state.h_m) & np.isfinite(ctx.state.d_m)
-    return None if both.any() else "ground and wall were never seen together"
+    if both.any():
+        return None
+    return "ground and wall were never seen together"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -39,8 +41,14 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     d = nearest(ctx.state.d_m)
     near = float(np.exp(-(h + d) / length))
     pull, lift = ((p[name] + p[f"{name}_rise"] * h / length) * near for name in ("pull", "lift"))
-    way = "to the wall" if pull > 0.0 else "off the wall"
-    change = "lifts" if lift > 0.0 else "takes lift"
+    if pull > 0.0:
+        way = "to the wall"
+    else:
+        way = "off the wall"
+    if lift > 0.0:
+        change = "lifts"
+    else:
+        change = "takes lift"
     return f"in the corner the air pushes {way} with {percent(pull)} of the thrust and {change} by {percent(lift)}"
 
 

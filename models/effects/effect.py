@@ -94,19 +94,27 @@ class Coefficient:
 
     def spread(self, ctx: Context) -> float:
         """Standard deviation of the prior."""
-        return self.typical(ctx) if callable(self.typical) else self.typical
+        if callable(self.typical):
+            return self.typical(ctx)
+        return self.typical
 
     def least(self, ctx: Context) -> float:
         """Lower end of what physics expects."""
-        return self.low(ctx) if callable(self.low) else self.low
+        if callable(self.low):
+            return self.low(ctx)
+        return self.low
 
     def most(self, ctx: Context) -> float:
         """Upper end of what physics expects."""
-        return self.high(ctx) if callable(self.high) else self.high
+        if callable(self.high):
+            return self.high(ctx)
+        return self.high
 
     def mean(self, ctx: Context) -> float:
         """Mean of the prior."""
-        return self.centre(ctx) if callable(self.centre) else self.centre
+        if callable(self.centre):
+            return self.centre(ctx)
+        return self.centre
 
 
 @dataclass(frozen=True)
@@ -283,11 +291,15 @@ class Context:
 
     def by_model(self, declared: float, empty: float) -> float:
         """One of two numbers: where a model of the surroundings is declared, or none, so that all of it is missing."""
-        return empty if self.model is None else declared
+        if self.model is None:
+            return empty
+        return declared
 
     def by_kind(self, speeds: float, outputs: float) -> float:
         """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which say less."""
-        return speeds if self.vehicle.telemetered else outputs
+        if self.vehicle.telemetered:
+            return speeds
+        return outputs
 
     def if_commanded(self, chance: float) -> float:
         """The chance of an effect that shows in commanded changes of the thrust only: others pass for it."""
@@ -502,9 +514,9 @@ class Effect:
 
     def shape_grid(self, ctx: Context) -> Sequence[tuple[float, ...]]:
         """The places at which its shapes are tried on a flight; one empty place without shapes."""
-        return (
-            tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
-        )
+        if self.grid is None:
+            return tuple(product(*(s.tried for s in self.shapes)))
+        return self.grid(ctx)
 
     def of_day(self, coefficient: Coefficient) -> bool:
         """Whether every flight has its own."""
@@ -563,7 +575,10 @@ class Effect:
 
     def log_odds(self, ctx: Context) -> float:
         """Log odds of its being there, before any flight was seen: log(p / (1 - p))."""
-        chance = self.chance(ctx) if callable(self.chance) else self.chance
+        if callable(self.chance):
+            chance = self.chance(ctx)
+        else:
+            chance = self.chance
         return math.log(chance / (1.0 - chance))
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
@@ -589,9 +604,9 @@ class Effect:
 
     def mixed(self, independent: Array, shape: tuple[float, ...]) -> Array:
         """Coefficients (..., k) from independent ones (..., k)."""
-        return (
-            independent if self.mixing is None else np.asarray(independent @ self.mixing(shape).T)
-        )
+        if self.mixing is None:
+            return independent
+        return np.asarray(independent @ self.mixing(shape).T)
 
     def wrench(self, ctx: Context, parameters: Mapping[str, float]) -> Array:
         """The effect's wrench (..., 6) with adopted parameters."""
@@ -614,7 +629,10 @@ def when(parameters: Mapping[str, float]) -> str:
     """``, from 12 s on`` and ``, until 40 s`` of an effect that begins or ends in flight; empty for always."""
     start = parameters.get(FROM_S, 0.0)
     end = parameters.get(UNTIL_S, 0.0)
-    out = f", from {start:.0f} s on" if start > 0.0 else ""
+    if start > 0.0:
+        out = f", from {start:.0f} s on"
+    else:
+        out = ""
     return out + (f", until {end:.0f} s" if end > 0.0 else "")
 
 

@@ -29,11 +29,9 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return (
-        tuple((float(i + 1),) for i in range(len(ctx.vehicle.fans)))
-        if len(ctx.vehicle.fans) > 1
-        else ()
-    )
+    if len(ctx.vehicle.fans) > 1:
+        return tuple((float(i + 1),) for i in range(len(ctx.vehicle.fans)))
+    return ()
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:

@@ -17,13 +17,15 @@ from models.vehicle_wrench import RPM_TO_RAD_S
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    signs = (
-        np.array([rotor.spin for rotor in ctx.vehicle.rotors])
-        if abs(shape[0]) < 0.5
-        else np.sign(shape[0])
-    )
+    if abs(shape[0]) < 0.5:
+        signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors])
+    else:
+        signs = np.sign(shape[0])
     spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
-    change = np.gradient(spin, ctx.state.time_s) if ctx.record else np.zeros_like(spin)
+    if ctx.record:
+        change = np.gradient(spin, ctx.state.time_s)
+    else:
+        change = np.zeros_like(spin)
     out = np.zeros((*spin.shape, 6))
     out[..., 3] = -ctx.state.rates[..., 1] * spin
     out[..., 4] = ctx.state.rates[..., 0] * spin
@@ -37,7 +39,10 @@ def _likely(ctx: Context) -> float:
 
 def _drawn(ctx: Context, axis: str) -> Drawn:
     pitch = axis == "Mx"
-    label = "pitch rate [deg/s]" if pitch else "roll rate [deg/s]"
+    if pitch:
+        label = "pitch rate [deg/s]"
+    else:
+        label = "roll rate [deg/s]"
     return over(label, np.degrees(ctx.state.rates[..., 1 if pitch else 0]), axis)
 
 

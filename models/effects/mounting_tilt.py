@@ -35,7 +35,9 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 
 
 def _lacking(ctx: Context) -> str | None:
-    return "how the accelerometer is mounted is a part of imu_bias" if ctx.accelerometer else None
+    if ctx.accelerometer:
+        return "how the accelerometer is mounted is a part of imu_bias"
+    return None
 
 
 def tilt_words(p: Mapping[str, float]) -> str:

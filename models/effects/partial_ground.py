@@ -55,7 +55,10 @@ def _edge(ctx: Context) -> tuple[Array, float, float, float] | None:
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
-    edge = _edge(ctx) if ctx.record else None
+    if ctx.record:
+        edge = _edge(ctx)
+    else:
+        edge = None
     if edge is None:
         return (np.zeros((*ctx.state.time_s.shape, 6)),)
     normal, offset, high, low = edge
@@ -79,7 +82,9 @@ def _air(ctx: Context, h: Array) -> Array:
 def _lacking(ctx: Context) -> str | None:
     if not np.isfinite(ctx.state.h_m).any():
         return "no height over ground in the log"
-    return None if _edge(ctx) is not None else "the ground had no step under the track"
+    if _edge(ctx) is not None:
+        return None
+    return "the ground had no step under the track"
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:

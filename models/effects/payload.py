@@ -35,7 +35,10 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     mass = p["mass_kg"]
-    way = "heavier" if mass > 0.0 else "lighter"
+    if mass > 0.0:
+        way = "heavier"
+    else:
+        way = "lighter"
     share = percent(mass / ctx.vehicle.mass_kg)
     if ctx.vehicle.mass_assumed:
         return f"the vehicle is {share} {way} than its lift says{when(p)}"

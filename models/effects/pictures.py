@@ -8,10 +8,13 @@ from models.common.frames import AXES, Array
 from models.effects.effect import Context, Drawn
 
 _WORDS = {
-    "Fx": "extra force forward [N]", "Fy": "extra force to the right [N]", "Fz": "extra lift [N]",
-    "Mx": "extra moment, right side down [N m]", "My": "extra moment, nose up [N m]",
+    "Fx": "extra force forward [N]",
+    "Fy": "extra force to the right [N]",
+    "Fz": "extra lift [N]",
+    "Mx": "extra moment, right side down [N m]",
+    "My": "extra moment, nose up [N m]",
     "Mz": "extra moment, nose right [N m]",
-}  # fmt: skip
+}
 """What the residual of an axis is to a pilot; lift is up, Fz down."""
 _NEAR = 5.0
 """Percentile that stands for "as near as it flew": single readings may be wrong."""
@@ -43,7 +46,10 @@ def over_height(ctx: Context, axis: str) -> Drawn:
 def over_speed(ctx: Context, axis: str) -> Drawn:
     """Speed along the axis of the force, or for the moment that goes with it."""
     side = axis in ("Fy", "Mx")
-    label = "speed to the right [m/s]" if side else "speed forward [m/s]"
+    if side:
+        label = "speed to the right [m/s]"
+    else:
+        label = "speed forward [m/s]"
     return over(label, ctx.velocity[..., 1 if side else 0], axis)
 
 
@@ -94,12 +100,16 @@ def fan_mean(distance: Array) -> Array:
 def nearest(values: Array) -> float:
     """As near as the vehicle flew; NaN where nothing was seen."""
     known = values[np.isfinite(values)]
-    return float(np.percentile(known, _NEAR)) if known.size else float("nan")
+    if known.size:
+        return float(np.percentile(known, _NEAR))
+    return float("nan")
 
 
 def percent(share: float) -> str:
     """``9 %``, without sign."""
-    return f"{abs(share) * 100.0:.2g} %" if abs(share) < 0.1 else f"{abs(share) * 100.0:.0f} %"
+    if abs(share) < 0.1:
+        return f"{abs(share) * 100.0:.2g} %"
+    return f"{abs(share) * 100.0:.0f} %"
 
 
 def force_words(ctx: Context, newton: float) -> str:
@@ -129,4 +139,6 @@ def compass(north: float, east: float) -> str:
 def mean(values: Array) -> float:
     """Of the finite ones; NaN without any."""
     known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
+    if known.size:
+        return float(known.mean())
+    return float("nan")

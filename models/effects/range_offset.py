@@ -43,7 +43,9 @@ SIZES_M = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
 def _lacking(ctx: Context) -> str | None:
     if ctx.model is None:
         return "the empty model has no ground effect that a wrong height could shift"
-    return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
+    if np.isfinite(ctx.state.h_m).any():
+        return None
+    return "no height over ground in the log"
 
 
 def _corrected(state: AirState, p: Mapping[str, float]) -> AirState:

@@ -39,7 +39,10 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     d = nearest(ctx.state.second_d_m)
     share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
-    verb = "pulls" if share > 0.0 else "pushes"
+    if share > 0.0:
+        verb = "pulls"
+    else:
+        verb = "pushes"
     return f"at {d:.2f} m the second wall {verb} with {percent(share)} of the thrust"
 
 

@@ -21,7 +21,7 @@ from models.effects.effect import (
     Shape,
     Shown,
     through,
-)  # fmt: skip
+)
 from models.effects.pictures import mass_words
 
 DAMPING = 0.04
@@ -69,7 +69,9 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _lacking(ctx: Context) -> str | None:
-    return None if _grid(ctx) else "the flight is too short for a swing to show"
+    if _grid(ctx):
+        return None
+    return "the flight is too short for a swing to show"
 
 
 def _length(ctx: Context, draws: Mapping[str, Array]) -> Array:

@@ -86,7 +86,9 @@ def _seen(flights: Sequence[Context]) -> dict[str, float]:
 def _lacking(ctx: Context) -> str | None:
     near = np.minimum(ctx.state.h_m / MEASURED.heights[-1], ctx.state.d_m / MEASURED.gaps[-1])
     close = np.nan_to_num(near, nan=np.inf).min(axis=-1) < ctx.vehicle.rotor_radius_m
-    return None if close.any() else "the flight never came near a surface"
+    if close.any():
+        return None
+    return "the flight never came near a surface"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -114,7 +116,10 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
         )
     if np.isfinite(d):
         was, found = at("pull", np.inf, d)
-        verb = "pulls" if found > 0.0 else "pushes"
+        if found > 0.0:
+            verb = "pulls"
+        else:
+            verb = "pushes"
         parts.append(
             f"at {d:.2f} m the wall {verb} with {percent(found)} of the thrust, by the model {100.0 * was:.2g} %"
         )

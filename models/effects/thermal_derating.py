@@ -31,7 +31,9 @@ def _lacking(ctx: Context) -> str | None:
     known = ctx.state.esc_temperature_c[np.isfinite(ctx.state.esc_temperature_c)]
     if not known.size:
         return "no ESC temperature in the log"
-    return None if np.ptp(known) > 2.0 else "the ESC temperature did not change"
+    if np.ptp(known) > 2.0:
+        return None
+    return "the ESC temperature did not change"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:

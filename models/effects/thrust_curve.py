@@ -23,7 +23,9 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 
 def _flattest(ctx: Context) -> float:
     # A loop that holds the height answers a loss of lift by more thrust: that passes for a flat curve, but is not felt.
-    return max(min(ctx.felt_slope, 0.0) - FELT_WITHIN, FLATTEST) if ctx.record else FLATTEST
+    if ctx.record:
+        return max(min(ctx.felt_slope, 0.0) - FELT_WITHIN, FLATTEST)
+    return FLATTEST
 
 
 def _likely(ctx: Context) -> float:

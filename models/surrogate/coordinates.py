@@ -51,7 +51,10 @@ class Coordinates:
         near_h = (1 - th * th) ** 3
         near_d = (1 - td * td) ** 3
         any_surface = 1 - (1 - near_h) * (1 - near_d)
-        wall_only = near_d if self.axisymmetric else any_surface
+        if self.axisymmetric:
+            wall_only = near_d
+        else:
+            wall_only = any_surface
         return x, np.where(HORIZONTAL, wall_only[:, None], any_surface[:, None])
 
 
@@ -71,7 +74,13 @@ def fit(data: DataSet, increments: Array, axisymmetric: bool) -> Coordinates:
     h_near, h_far = _reach(data.h, data.d, increments)
     d_near, d_far = _reach(data.d, data.h, increments)
     return Coordinates(
-        h_near, h_far, d_near, d_far, float(data.rpm.min()), float(data.rpm.max()), axisymmetric
+        h_near=h_near,
+        h_far=h_far,
+        d_near=d_near,
+        d_far=d_far,
+        rpm_low=float(data.rpm.min()),
+        rpm_high=float(data.rpm.max()),
+        axisymmetric=axisymmetric,
     )
 
 

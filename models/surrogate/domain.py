@@ -56,7 +56,10 @@ def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
 
     places = np.unique(np.round(x[:, :2], 9), axis=0)
     tree = KDTree(places)
-    gap = float(np.quantile(tree.query(places, 2)[0][:, 1], 0.95)) if len(places) > 1 else 0.0
+    if len(places) > 1:
+        gap = float(np.quantile(tree.query(places, 2)[0][:, 1], 0.95))
+    else:
+        gap = 0.0
     gap = max(gap, 2.0 / (NODES - 1))
     axis = np.linspace(-1.0, 1.0, NODES)
     grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
@@ -74,15 +77,17 @@ def _nearest_seen(distance: Array, other: Array) -> float:
     """Nearest distance in the data; a surface that they never saw counts as seen only beyond the other's reach."""
     finite = distance[np.isfinite(distance)]
     others = other[np.isfinite(other)]
-    return float(finite.min()) if finite.size else float(others.max()) if others.size else 0.0
+    if finite.size:
+        return float(finite.min())
+    if others.size:
+        return float(others.max())
+    return 0.0
 
 
 def _near(value: Array, near: float) -> Array:
-    return (
-        _share((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
-        if near > 0.0
-        else np.ones_like(value)
-    )
+    if near > 0.0:
+        return _share((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+    return np.ones_like(value)
 
 
 def _share(value: Array) -> Array:

@@ -32,7 +32,15 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
     fan = identity(law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m)
     return FanSurrogate(
         law,
-        Coordinates(0.0, 0.0, 0.0, 0.0, 1.0, 1e5, True),
+        Coordinates(
+            h_near=0.0,
+            h_far=0.0,
+            d_near=0.0,
+            d_far=0.0,
+            rpm_low=1.0,
+            rpm_high=1e5,
+            axisymmetric=True,
+        ),
         PolynomialRegressor(1, np.zeros((4, 6)), np.zeros(6)),
         Calibration(zero, zero, (1.0,) * 6),
         Domain(np.ones((NODES, NODES)), 0.0, 0.0, 1.0, 1e5),

@@ -41,11 +41,9 @@ def identity_of(info: Mapping[str, Any]) -> FanIdentity | None:
     """The fan that a model's ``info`` names, or None where it names none (or not in numbers)."""
     fan = info.get("fan")
     try:
-        return (
-            None
-            if fan is None
-            else FanIdentity(*(float(fan[k]) for k in ("radius_m", "lip_radius_m", "ct")))
-        )
+        if fan is None:
+            return None
+        return FanIdentity(*(float(fan[k]) for k in ("radius_m", "lip_radius_m", "ct")))
     except (TypeError, KeyError, ValueError):
         return None
 

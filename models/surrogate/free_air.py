@@ -68,7 +68,10 @@ def fit(data: DataSet) -> FreeAir:
     rpm_ref = float(np.exp(np.mean(np.log(rpm))))
     x = np.log(rpm / rpm_ref)
     y = np.log(lift / (rpm / rpm_ref) ** 2)
-    exponent = float(x @ y / (x @ x)) if np.ptp(rpm) > 1e-6 * rpm_ref else 0.0
+    if np.ptp(rpm) > 1e-6 * rpm_ref:
+        exponent = float(x @ y / (x @ x))
+    else:
+        exponent = 0.0
     lift_n = float(np.exp(np.mean(y - exponent * x)))
     ratio = data.wrench / (lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent))[:, None]
     share = ratio[rows].mean(axis=0)
@@ -110,7 +113,10 @@ def mean_over_places(ratio: Array, place: Array | NDArray[np.intp]) -> tuple[Arr
     """Mean (6,) of ``ratio`` (n, 6), and its standard error, rows of one ``place`` (n,) counting as one."""
     _, place = np.unique(place, return_inverse=True)
     means = place_means(ratio, place)
-    error = means.std(axis=0, ddof=1) / np.sqrt(len(means)) if len(means) > 1 else np.zeros(6)
+    if len(means) > 1:
+        error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    else:
+        error = np.zeros(6)
     return means.mean(axis=0), error
 
 

@@ -75,7 +75,10 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
     Raises ModelError naming the file: missing, not JSON, another schema or units, a key missing, weights whose hash
     is not the one declared, or that cannot be read.
     """
-    directory = DEFAULT if directory is None else _place(Path(directory))
+    if directory is None:
+        directory = DEFAULT
+    else:
+        directory = _place(Path(directory))
     path = directory / "model.json"
     with _named(path):
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -129,12 +132,23 @@ def _place(directory: Path) -> Path:
     by_name = (
         len(directory.parts) == 1 and not directory.exists() and (shipped / "model.json").exists()
     )
-    return shipped if by_name else directory
+    if by_name:
+        return shipped
+    return directory
 
 
 _OWN_KEYS = {
-    "free_air", "coordinates", "calibration", "domain", "schema", "units", "frame", "regressor", "effects", "weights",
-}  # fmt: skip
+    "free_air",
+    "coordinates",
+    "calibration",
+    "domain",
+    "schema",
+    "units",
+    "frame",
+    "regressor",
+    "effects",
+    "weights",
+}
 
 
 def _check_schema(manifest: Mapping[str, Any]) -> None:

@@ -114,7 +114,15 @@ def _task(data: DataSet, live: Mask, name: str, kind: str, test: Mask) -> Task:
     y = np.where(live, train.increments(data.wrench, data.rpm, law), 0.0)
     weight = train.weights(data, law)
     problem = train.Problem(
-        law, learnt.coordinates, x, gate, y, learnt.scale, data.locations, live, weight
+        free_air=law,
+        coordinates=learnt.coordinates,
+        x=x,
+        gate=gate,
+        y=y,
+        scale=learnt.scale,
+        locations=data.locations,
+        live=live,
+        weight=weight,
     )
     return Task(name, kind, test, problem)
 
@@ -173,7 +181,9 @@ def _r2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]
 
 def spread(scores: Array) -> Array:
     """Standard deviation over splits (n, ...) -> (...); one split has none: NaN."""
-    return scores.std(axis=0, ddof=1) if len(scores) > 1 else np.full(scores.shape[1:], np.nan)
+    if len(scores) > 1:
+        return np.asarray(scores.std(axis=0, ddof=1))
+    return np.full(scores.shape[1:], np.nan)
 
 
 def _regions(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:

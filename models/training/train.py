@@ -120,15 +120,15 @@ def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
     x, gate = coords.inputs(data.h, data.d, data.rpm)
     size = np.abs(y).max(axis=0)
     return Problem(
-        law,
-        coords,
-        x,
-        gate,
-        y,
-        np.where(size > 1e-9, size, 1.0),
-        locations,
-        live,
-        weights(data, law),
+        free_air=law,
+        coordinates=coords,
+        x=x,
+        gate=gate,
+        y=y,
+        scale=np.where(size > 1e-9, size, 1.0),
+        locations=locations,
+        live=live,
+        weight=weights(data, law),
     )
 
 
@@ -233,7 +233,9 @@ def train(
 
 def drawn(count: int, most: int, rng: np.random.Generator) -> Index:
     """Which of ``count`` rows: all, or ``most`` of them at random, in order."""
-    return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
+    if count <= most:
+        return np.arange(count)
+    return np.sort(rng.choice(count, most, replace=False))
 
 
 def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
@@ -283,7 +285,9 @@ def scores(
 
 def defined(value: float) -> float | None:
     """NaN as None, which is null in JSON."""
-    return None if np.isnan(value) else float(value)
+    if np.isnan(value):
+        return None
+    return float(value)
 
 
 def r_squared(truth: Array, answer: Array) -> Array:
@@ -345,7 +349,8 @@ def trainer(
 
     The choice goes into ``choices``; it is made on the folds ``fold``, or on folds of its own.
     """
-    choices = {} if choices is None else choices
+    if choices is None:
+        choices = {}
     if method == "kriging":
         return lambda rows: kriging.fit(
             rows.x, rows.y, rows.gate, rows.locations, int(rng.integers(2**31))
@@ -504,7 +509,10 @@ def paper_nets(
     else:
         start = rng.uniform(-1.0, 1.0, (nets, size))
     batch = network.Batch.of(problem.x[None], gate, y, weight)
-    adam_rate = rate if "adam" in method else None
+    if "adam" in method:
+        adam_rate = rate
+    else:
+        adam_rate = None
     theta = np.zeros((members, 6, size))
     theta[:, live] = network.descend(
         start, batch, HIDDEN, epochs, adam_rate=adam_rate, tick=partial(progress, "descent")

@@ -52,9 +52,17 @@ _ALONE_ON_OLD = (QUAD, TRI)
 """Before 3.5 the vehicle type of a hexa is that of a Y6, and the one of an octo that of an octaquad."""
 
 _CLASS_WORDS = {
-    "QUAD": QUAD, "HEXA": HEXA, "OCTA": OCTA, "OCTAQUAD": OCTAQUAD, "OCTA_QUAD": OCTAQUAD, "Y6": Y6, "TRI": TRI,
-    "DODECAHEXA": DODECAHEXA, "DODECA_HEXA": DODECAHEXA, "DECA": DECA,
-}  # fmt: skip
+    "QUAD": QUAD,
+    "HEXA": HEXA,
+    "OCTA": OCTA,
+    "OCTAQUAD": OCTAQUAD,
+    "OCTA_QUAD": OCTAQUAD,
+    "Y6": Y6,
+    "TRI": TRI,
+    "DODECAHEXA": DODECAHEXA,
+    "DODECA_HEXA": DODECAHEXA,
+    "DECA": DECA,
+}
 _TYPE_WORDS = {
     "PLUS": 0, "X": 1, "V": 2, "H": 3, "VTAIL": 4, "ATAIL": 5, "PLUSREV": 6, "PITCH-REVERSED": 6, "Y6B": 10,
     "Y6F": 11, "BF_X": 12, "DJI_X": 13, "CW_X": 14, "X/CW_X": 14, "I": 15, "NYT_PLUS": 16, "NYT_X": 17, "X_REV": 18,
@@ -102,7 +110,10 @@ def said_by_class(parameters: Mapping[str, float]) -> SaidFrame | None:
         return SaidFrame(said=said, count=count, unsure="FRAME_TYPE is not in the log")
     said = f"FRAME_CLASS {frame_class}, FRAME_TYPE {parameters['FRAME_TYPE']:g}"
     name = ardupilot_frame(parameters)
-    unsure = "" if name else _not_known(frame_class, parameters["FRAME_TYPE"])
+    if name:
+        unsure = ""
+    else:
+        unsure = _not_known(frame_class, parameters["FRAME_TYPE"])
     return SaidFrame(said=said, name=name, count=count, unsure=unsure)
 
 
@@ -115,14 +126,23 @@ def _not_known(frame_class: int, frame_type: float) -> str:
 def said_by_text(texts: Iterable[str]) -> SaidFrame | None:
     """What the start-up text ``Frame: CLASS/TYPE`` says."""
     for text in texts:
-        words = text.removeprefix(_TEXT).strip().upper() if text.startswith(_TEXT) else ""
+        if text.startswith(_TEXT):
+            words = text.removeprefix(_TEXT).strip().upper()
+        else:
+            words = ""
         of_class, _, of_type = words.partition("/")
         frame_class = _CLASS_WORDS.get(of_class)
         if frame_class is None:
             continue
         count = COUNT_OF_CLASS[frame_class]
-        name = _named(frame_class, _TYPE_WORDS[of_type]) if of_type in _TYPE_WORDS else None
-        unsure = "" if name else "it says no frame type that is known"
+        if of_type in _TYPE_WORDS:
+            name = _named(frame_class, _TYPE_WORDS[of_type])
+        else:
+            name = None
+        if name:
+            unsure = ""
+        else:
+            unsure = "it says no frame type that is known"
         return SaidFrame(said=f"'{text.strip()}'", name=name, count=count, unsure=unsure)
     return None
 

@@ -71,7 +71,9 @@ def throttle_output(parameters: Mapping[str, float], hover: float) -> tuple[floa
         high = parameters.get("MOT_SPIN_MAX", 0.95)
         return expo, low + (high - low) * _inverse(expo, hover)
     factor = parameters.get("THR_MDL_FAC", 0.0)
-    return (factor, _inverse(factor, hover)) if factor > 0.0 else (EXPO, hover)
+    if factor > 0.0:
+        return (factor, _inverse(factor, hover))
+    return (EXPO, hover)
 
 
 def _inverse(expo: float, thrust: float) -> float:
@@ -147,7 +149,9 @@ class Guess:
     @property
     def spread(self) -> float:
         """Factor between ``value`` and ``high``; 1 where it was given."""
-        return self.high / self.value if self.assumed else 1.0
+        if self.assumed:
+            return self.high / self.value
+        return 1.0
 
 
 def typical_sizes(
@@ -167,7 +171,10 @@ def typical_sizes(
     per_r2 = _DISC_LOADING * math.pi * len(places)
     omega = (hover_rpm or 0.0) * 2.0 * math.pi / 60.0
     per_r4 = len(motors) * OPEN_ROTOR_CT * RHO_SEA_LEVEL * math.pi * omega**2
-    weight = None if mass_kg is None else mass_kg * GRAVITY
+    if mass_kg is None:
+        weight = None
+    else:
+        weight = mass_kg * GRAVITY
     if radius_m is not None:
         radius = Guess(radius_m)
     elif weight is not None and per_r4:

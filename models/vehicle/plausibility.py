@@ -199,7 +199,9 @@ def _ranges(vehicle: Vehicle) -> Iterator[Check]:
 
 def target_of(orientation: int) -> str:
     """What a rangefinder of this MAV_SENSOR_ORIENTATION looks at, as a rule; ``none`` where it is inclined."""
-    return _SEEN[_DIRECTIONS[orientation]][0] if orientation in _DIRECTIONS else "none"
+    if orientation in _DIRECTIONS:
+        return _SEEN[_DIRECTIONS[orientation]][0]
+    return "none"
 
 
 def _vertical(vehicle: Vehicle) -> Iterator[Check]:

@@ -88,11 +88,16 @@ def misread(rpm: float, hover: Hover, parameters: Mapping[str, float]) -> str | 
         return None
     worst = max(wrong, key=lambda r: abs(math.log(rpm / r.usual)))
     fits = _explanations(rpm, ranges, worst, parameters)
-    share = 1.0 / fits[0][0] if fits else rpm / worst.usual
+    if fits:
+        share = 1.0 / fits[0][0]
+    else:
+        share = rpm / worst.usual
     named = " or ".join(text for _, text in fits[:NAMED])
     what = f"rotor speeds of {rpm:.0f} rpm are {share:.2g} of what {worst.basis}"
     advice = f"pole count ({', '.join(POLE_PARAMETERS[:2])}) or unit"
-    return f"{what}: {advice}; {named} would fit" if named else f"{what}: {advice}"
+    if named:
+        return f"{what}: {advice}; {named} would fit"
+    return f"{what}: {advice}"
 
 
 def _explanations(
@@ -100,7 +105,10 @@ def _explanations(
 ) -> list[tuple[float, str]]:
     """Factors that make a possible speed of ``rpm`` and what they mean: usual mistakes, then those that fit best."""
     declared = [parameters[name] for name in POLE_PARAMETERS if parameters.get(name, 0.0) > 0.0]
-    poles = int(declared[0]) if declared else USUAL_POLES
+    if declared:
+        poles = int(declared[0])
+    else:
+        poles = USUAL_POLES
     usual = (0.1, 10.0, 2.0 / USUAL_POLES, poles / 2.0)
     factors = {unit: _unit_text(unit) for unit in UNITS}
     for count in POLES[1:]:

@@ -109,7 +109,10 @@ def _fan(a: Answers, motors: list[Motor]) -> Fan:
         round(v * a.arm_m, 4)
         for v in (motors[0].forward, motors[0].right, min(m.down for m in motors))
     )
-    key = "esc" if a.telemetered else "servo"
+    if a.telemetered:
+        key = "esc"
+    else:
+        key = "servo"
     rotors = tuple(Rotor(m.spin, **{key: a.numbers[m.number]}) for m in motors)
     return Fan(
         (x, y, z),

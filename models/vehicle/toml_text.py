@@ -44,11 +44,16 @@ def _keys(table: Any, said: Mapping[str, str]) -> list[str]:
 
 def _value(value: Any) -> str:
     if isinstance(value, Rotor):
-        number = f"servo = {value.servo}" if value.esc is None else f"esc = {value.esc}"
+        if value.esc is None:
+            number = f"servo = {value.servo}"
+        else:
+            number = f"esc = {value.esc}"
         return f'{{ {number}, spin = "{_SPINS[value.spin]}" }}'
     if isinstance(value, tuple):
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return '"' + "".join(c if c.isprintable() else " " for c in escaped) + '"'
-    return str(value) if isinstance(value, int) else repr(float(value))
+    if isinstance(value, int):
+        return str(value)
+    return repr(float(value))

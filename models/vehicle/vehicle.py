@@ -34,11 +34,9 @@ class Rotor:
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
-        return (
-            ("esc", "or 'servo' is needed, one of the two")
-            if (self.esc is None) == (self.servo is None)
-            else None
-        )
+        if (self.esc is None) == (self.servo is None):
+            return ("esc", "or 'servo' is needed, one of the two")
+        return None
 
 
 @dataclass(frozen=True)
@@ -70,11 +68,9 @@ class Vane:
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
-        return (
-            ("axis", "must be a direction of length 1")
-            if abs(math.hypot(*self.axis) - 1.0) > 1e-3
-            else None
-        )
+        if abs(math.hypot(*self.axis) - 1.0) > 1e-3:
+            return ("axis", "must be a direction of length 1")
+        return None
 
 
 @dataclass(frozen=True)
@@ -95,11 +91,9 @@ class Throttle:
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
-        return (
-            ("pwm_max_us", "must be above pwm_min_us")
-            if self.pwm_max_us <= self.pwm_min_us
-            else None
-        )
+        if self.pwm_max_us <= self.pwm_min_us:
+            return ("pwm_max_us", "must be above pwm_min_us")
+        return None
 
 
 @dataclass(frozen=True)
@@ -119,14 +113,14 @@ class Rangefinder:
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
         if not self.ring:
-            return ("orientation", "is missing") if self.orientation == NO_ORIENTATION else None
+            if self.orientation == NO_ORIENTATION:
+                return ("orientation", "is missing")
+            return None
         if self.orientation != NO_ORIENTATION:
             return "orientation", "and 'ring' are both given: a ring looks all around"
-        return (
-            ("target", "of a ring must be 'wall' or 'none'")
-            if self.target not in ("wall", "none")
-            else None
-        )
+        if self.target not in ("wall", "none"):
+            return ("target", "of a ring must be 'wall' or 'none'")
+        return None
 
 
 @dataclass(frozen=True)
@@ -253,7 +247,9 @@ class Vehicle:
     @property
     def servo_port(self) -> int:
         """SERVO_OUTPUT_RAW.port that the outputs of rotors and vanes count on."""
-        return self.throttle.port if self.throttle is not None else 0
+        if self.throttle is not None:
+            return self.throttle.port
+        return 0
 
     @property
     def telemetered(self) -> bool:

@@ -135,7 +135,10 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     """
     part = fit.part(term)
     within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
-    kinds = 0.0 if any(s.continuous for s in term.named.shapes) else term.log_shape
+    if any(s.continuous for s in term.named.shapes):
+        kinds = 0.0
+    else:
+        kinds = term.log_shape
     prior = term.prior - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
     return TRUST * (fit.evidence - less.evidence) + within + prior
 
@@ -233,7 +236,10 @@ def _shared(effect: Effect) -> Effect:
     coefficients = tuple(
         replace(c, belongs_to=b) for c, b in zip(effect.coefficients, own, strict=True)
     )
-    belongs_to = BelongsTo.VEHICLE if effect.belongs_to is BelongsTo.LOAD else effect.belongs_to
+    if effect.belongs_to is BelongsTo.LOAD:
+        belongs_to = BelongsTo.VEHICLE
+    else:
+        belongs_to = effect.belongs_to
     return replace(_from_the_start(effect), belongs_to=belongs_to, coefficients=coefficients)
 
 
@@ -247,7 +253,9 @@ def _changed(effect: Effect, known: bool, today: Context) -> Effect:
     )
 
     def lacking(ctx: Context) -> str | None:
-        return effect.lacking(ctx) if ctx is today else "of another flight"
+        if ctx is today:
+            return effect.lacking(ctx)
+        return "of another flight"
 
     return replace(
         _from_the_start(effect),
@@ -263,4 +271,6 @@ def _from_the_start(effect: Effect) -> Effect:
 
 
 def _with_shape(effect: Effect, shape: tuple[float, ...] | None) -> Effect:
-    return effect if shape is None else replace(effect, grid=lambda _: (shape,))
+    if shape is None:
+        return effect
+    return replace(effect, grid=lambda _: (shape,))

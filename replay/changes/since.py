@@ -52,7 +52,10 @@ class ChangeReport:
 
     def as_text(self) -> str:
         """A few lines for a person."""
-        head = "changed" if self.changed else "nothing changed"
+        if self.changed:
+            head = "changed"
+        else:
+            head = "nothing changed"
         lines = [f"{head}  ({len(self.flights)} against {len(self.good.records)} good flights)"]
         for c in self.changed:
             sizes = ", ".join(map(estimate_text, c.estimates))
@@ -123,4 +126,6 @@ def _change_point(named: Sequence[bool]) -> int | None:
     """The flight from which on an effect is mostly there: likeliest step where names err as often either way."""
     totals = [sum(1 if there else -1 for there in named[i:]) for i in range(len(named))]
     best = max(range(len(named)), key=lambda i: totals[i])
-    return best if totals[best] > 0 else None
+    if totals[best] > 0:
+        return best
+    return None

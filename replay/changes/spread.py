@@ -15,17 +15,27 @@ from replay.search.library import Library
 from replay.search.terms import regressors_of
 
 USUAL_SHARE = {
-    BelongsTo.VEHICLE: 0.12, BelongsTo.PLACE: 0.25, BelongsTo.INSTRUMENT: 0.5, BelongsTo.LOAD: 0.25,
+    BelongsTo.VEHICLE: 0.12,
+    BelongsTo.PLACE: 0.25,
+    BelongsTo.INSTRUMENT: 0.5,
+    BelongsTo.LOAD: 0.25,
     BelongsTo.WEATHER: 1.0,
-}  # fmt: skip
+}
 """Spread of a size from flight to flight before any was seen, as a share of what is typical of it undeclared.
 
 Parts hardly change, a sensor wakes up with another offset, and nothing is known of the weather.
 """
 LAWS = (
-    "body_drag", "corner_effect", "ground_effect", "motor_lag", "rotor_drag", "surface_law", "thrust_curve",
-    "vertical_inflow", "wall_effect",
-)  # fmt: skip
+    "body_drag",
+    "corner_effect",
+    "ground_effect",
+    "motor_lag",
+    "rotor_drag",
+    "surface_law",
+    "thrust_curve",
+    "vertical_inflow",
+    "wall_effect",
+)
 """Laws of the air, of throttle and of lag: flights differ by what these leave out, as much as is typical of them."""
 USUAL_FLIGHTS = 4.0
 """Flights that this counts for."""

@@ -64,14 +64,23 @@ class _Pages:
         drafts = (part.get("vehicle") for ask in asks for part in (ask.answer, *ask.season))
         draft: dict[str, Any] = next(filter(None, drafts), {})
         facts = [*draft.get("known", ()), *draft.get("assumed", ())]
-        last = asks[0].question if asks else {}
+        if asks:
+            last = asks[0].question
+        else:
+            last = {}
         answered = next((a for a in asks if a.answered), None)
         shown = {
-            "drop": drop, "asks": asks, "texts": texts, "version": self._version(drop), "rows": rows(facts),
-            "others": others(facts), "good": last.get("good", ()), "typed": dict(last.get("numbers", ())),
+            "drop": drop,
+            "asks": asks,
+            "texts": texts,
+            "version": self._version(drop),
+            "rows": rows(facts),
+            "others": others(facts),
+            "good": last.get("good", ()),
+            "typed": dict(last.get("numbers", ())),
             "text": next(filter(None, (a.vehicle_text for a in asks)), ""),
             "answered": answered,
-        }  # fmt: skip
+        }
         return self._templates.TemplateResponse(request, "drop.html", shown)
 
     async def upload(self, request: Request) -> Response:

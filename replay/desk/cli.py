@@ -24,13 +24,19 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
     )
     p.add_argument(
-        "address", nargs="?", default=":8000", metavar="[HOST]:PORT",
+        "address",
+        nargs="?",
+        default=":8000",
+        metavar="[HOST]:PORT",
         help="where (default :8000, this machine only; 0.0.0.0:8000: everybody on the network)",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "--folder", type=Path, default=Path("replay-desk"), metavar="DIR",
+        "--folder",
+        type=Path,
+        default=Path("replay-desk"),
+        metavar="DIR",
         help="keeps logs and answers; delete it, and nothing is left (default: replay-desk, here)",
-    )  # fmt: skip
+    )
     p.add_argument("--quiet", action="store_true", help="do not print the address")
     p.set_defaults(run=run, target_system=None)
 
@@ -57,7 +63,10 @@ def run(a: argparse.Namespace) -> int:
         ) from None
     host, port = listening.getsockname()[:2]
     if not a.quiet:
-        shown = socket.gethostname() if host == "0.0.0.0" else host
+        if host == "0.0.0.0":
+            shown = socket.gethostname()
+        else:
+            shown = host
         print(
             f"http://{shown}:{port}/  (everything stays in {desk.folder}; Ctrl-C ends it)",
             flush=True,

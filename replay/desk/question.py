@@ -28,7 +28,9 @@ class Field:
 
     def shown(self, value: Any) -> str:
         """In the form's unit; empty where it is no number."""
-        return f"{self.scale * value:.4g}" if isinstance(value, int | float) else ""
+        if isinstance(value, int | float):
+            return f"{self.scale * value:.4g}"
+        return ""
 
     def hint(self, source: str) -> str:
         """Where the number comes from; a range in the form's unit, and no option of the command line."""
@@ -94,11 +96,10 @@ class Question:
             raise HTTPException(400, f"kind: must be one of {', '.join(Asked)}")
         kind = Asked(given["kind"])
         logs = drop.logs
-        good = (
-            tuple(one_of(logs, value).name for key, value in form if key == "good")
-            if kind == Asked.CHANGED
-            else ()
-        )
+        if kind == Asked.CHANGED:
+            good = tuple(one_of(logs, value).name for key, value in form if key == "good")
+        else:
+            good = ()
         if not logs:
             raise HTTPException(400, "there is no log here: drop one")
         if kind == Asked.CHANGED and not 0 < len(good) < len(logs):

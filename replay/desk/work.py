@@ -47,11 +47,9 @@ class Work:
         done = len(list(ask.folder.glob("each/results/*.json")))
         if step and done:
             return f"{step}: {done} done"
-        return (
-            "the vehicle is drafted; looks what the model lacks"
-            if step and ask.vehicle_text
-            else step
-        )
+        if step and ask.vehicle_text:
+            return "the vehicle is drafted; looks what the model lacks"
+        return step
 
     async def _answer(self, drop: Drop, ask: Ask, question: Question) -> None:
         said = ask.folder / "stderr.txt"
@@ -61,7 +59,10 @@ class Work:
                 await self._look(drop, ask)
                 self._steps[ask.folder] = "reads the logs"
                 code = await _call(question.command(drop, ask), ask.folder / "stdout.txt", said)
-            failure = _failure(said, code, drop) if code else ""
+            if code:
+                failure = _failure(said, code, drop)
+            else:
+                failure = ""
         except asyncio.CancelledError:
             failure = "cancelled"
         except OSError as problem:
@@ -80,7 +81,10 @@ class Work:
                 part = ask.folder / "info.txt"
                 said = ask.folder / "stderr.txt"
                 code = await _call(["info", str(log)], part, said)
-                text = _failure(said, code, drop) if code else read_text(part)
+                if code:
+                    text = _failure(said, code, drop)
+                else:
+                    text = read_text(part)
                 drop.info(log).write_text(text, encoding="utf-8")
 
 
@@ -95,9 +99,15 @@ async def _call(arguments: list[str], out: Path, err: Path) -> int:
     """Run ``replay`` with these arguments; the exit code. Cancelled, it ends the processes that this started, too."""
     with out.open("wb") as stdout, err.open("wb") as stderr:
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "replay", *arguments,
-            stdin=DEVNULL, stdout=stdout, stderr=stderr, start_new_session=True,
-        )  # fmt: skip
+            sys.executable,
+            "-m",
+            "replay",
+            *arguments,
+            stdin=DEVNULL,
+            stdout=stdout,
+            stderr=stderr,
+            start_new_session=True,
+        )
         try:
             return await process.wait()
         finally:

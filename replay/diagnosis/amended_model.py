@@ -40,7 +40,10 @@ def amended(
         raise ConfigError(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
-    base = empty_model(vehicle) if model is None else model
+    if model is None:
+        base = empty_model(vehicle)
+    else:
+        base = model
     new = tuple(get(e.name).next_flight(e) for e in effects if not get(e.name).all_of_day)
     info: dict[str, Any] = dict(base.info)
     if logs:
@@ -62,9 +65,13 @@ def amended(
 
 
 def to_adopt(
-    effect: Effect, estimates: Sequence[IntervalEstimate], context: Context, without: Sequence[str] = (), *,
+    effect: Effect,
+    estimates: Sequence[IntervalEstimate],
+    context: Context,
+    without: Sequence[str] = (),
+    *,
     doubt: float = 0.0,
-) -> AdoptedEffect:  # fmt: skip
+) -> AdoptedEffect:
     """What was found, with the sizes that another flight may be predicted by.
 
     A coefficient of the vehicle is taken towards its prior mean by its own interval, d -> d d^2/(d^2 + sd^2): an
@@ -77,12 +84,18 @@ def to_adopt(
     of_wind = any(
         (c.belongs_to or effect.belongs_to) is BelongsTo.WEATHER for c in effect.coefficients
     )
-    share = 1.0 - doubt if of_wind else 1.0
+    if of_wind:
+        share = 1.0 - doubt
+    else:
+        share = 1.0
     by_name = {e.name: e for e in estimates}
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
         e = by_name[c.name]
         low, high = e.ci95 or (e.value, e.value)
-        mean = c.mean(context) if effect.kept else 0.0
+        if effect.kept:
+            mean = c.mean(context)
+        else:
+            mean = 0.0
         sd = (high - low) / (2.0 * 1.96)
         off = e.value - mean
         parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -69,7 +69,10 @@ class Diagnosis(Searched):
 
     def numbers_of(self, found: Found) -> tuple[IntervalEstimate, ...]:
         """The parameters of an effect as they are said; of what may begin, only times at which it does."""
-        always = {FROM_S, UNTIL_S} if found.effect.may_begin else set()
+        if found.effect.may_begin:
+            always = {FROM_S, UNTIL_S}
+        else:
+            always = set()
         said = [e for e in found.estimates if e.value or e.name not in always]
         return in_shares(said, self.vehicle)
 
@@ -128,9 +131,17 @@ class Diagnosis(Searched):
 
     def _as_found(self, found: Found) -> AdoptedEffect:
         coverage = found.effect.in_flight.coverage
-        seen = {} if coverage is None else coverage([r.context for r in self.records])
+        seen: Mapping[str, float]
+        if coverage is None:
+            seen = {}
+        else:
+            seen = coverage([r.context for r in self.records])
         # A map is of the model's own answer, which has no axes of the body.
-        without = () if found.effect.remainder else found.without
+        without: tuple[str, ...]
+        if found.effect.remainder:
+            without = ()
+        else:
+            without = found.without
         return AdoptedEffect(found.effect.name, found.parameters | dict(seen), without)
 
     @property
@@ -283,7 +294,9 @@ def rms_interval(residual: Array, step_s: float) -> tuple[float, float, float]:
 
 def _of_weight(values: Sequence[float], unit: str) -> dict[str, list[float]]:
     """A second key for shares of the weight, under which older answers gave them."""
-    return {"of_weight": list(values)} if unit == "weight" else {}
+    if unit == "weight":
+        return {"of_weight": list(values)}
+    return {}
 
 
 def _parameter(e: IntervalEstimate) -> dict[str, Any]:
@@ -342,10 +355,16 @@ def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
         numbers = f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
     else:
         numbers = ", ".join(map(estimate_text, answer.numbers_of(f)))
-    small = ", small" if f.small else ""
+    if f.small:
+        small = ", small"
+    else:
+        small = ""
     names = [f.effect.name, *(name for name, _ in f.members if name != f.effect.name)]
     sure = f"{f.status}{small}, probability {f.probability:.2f}"
-    flown = "" if f.effect.in_flight.use is InFlight.WRENCH else f"; {f.effect.in_flight.use.value}"
+    if f.effect.in_flight.use is InFlight.WRENCH:
+        flown = ""
+    else:
+        flown = f"; {f.effect.in_flight.use.value}"
     lines = [
         f"  {' or '.join(names)} ({sure}): {numbers}; {explains_text(f.explains)}",
         f"    {kept_words(f.effect)}{flown}",

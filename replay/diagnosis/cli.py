@@ -18,14 +18,19 @@ _EPILOG = f"{EXIT_CODES} How to read the answer: docs/diagnose.md."
 def add_parser(commands: Any) -> None:
     """Register ``diagnose`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "diagnose", help="find what the declared model lacks, name it, and amend the model", epilog=_EPILOG,
+        "diagnose",
+        help="find what the declared model lacks, name it, and amend the model",
+        epilog=_EPILOG,
         description="Measured minus modelled wrench of recorded flights: which physical effect is missing, how large "
         "it is, and the error before and after adding it, on held-out time.",
-    )  # fmt: skip
+    )
     p.add_argument(
-        "logs", nargs="+", type=Path, metavar="LOG",
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
         help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
-    )  # fmt: skip
+    )
     p.add_argument(
         "--vehicle",
         type=vehicle_path,
@@ -63,9 +68,13 @@ def add_parser(commands: Any) -> None:
         help="write the amended model; companion --model flies it",
     )
     p.add_argument(
-        "--test", nargs="+", type=Path, default=[], metavar="LOG",
+        "--test",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="LOG",
         help="other flights, on which the amended model is judged as replay predict does",
-    )  # fmt: skip
+    )
     p.add_argument(
         "--report",
         type=Path,
@@ -73,9 +82,11 @@ def add_parser(commands: Any) -> None:
         help="write a self-contained HTML page; for a folder, of each log",
     )
     p.add_argument(
-        "--since", nargs="+", metavar="GOOD",
+        "--since",
+        nargs="+",
+        metavar="GOOD",
         help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
-    )  # fmt: skip
+    )
     add_source_option(p)
     add_answer_options(p)
     add_folder_options(p)
@@ -121,7 +132,10 @@ def run(a: argparse.Namespace) -> int:
         progress=progress_bar(a),
     )
     faults = model_faults(answer.records, chosen)
-    notes = [] if chosen.note is None else [chosen.note]
+    if chosen.note is None:
+        notes = []
+    else:
+        notes = [chosen.note]
     notes += warnings(vehicle) if draft is None else draft.notes
     answer = replace(answer, notes=(*notes, *answer.notes))
     content = answer.as_json(None if a.save_model is None else str(a.save_model))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from models.common.errors import LogError
-from models.effects import Effect, catalogue
+from models.effects import AdoptedEffect, Effect, catalogue
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import Diagnosis
@@ -37,7 +37,10 @@ def diagnose(
     ``settings``: the instance to read, by quantity. Logs in ``read`` are not read again; they are taken out, so that
     none stays in memory for the search.
     """
-    held = {} if read is None else read
+    if read is None:
+        held = {}
+    else:
+        held = read
     records, notes = read_records(
         progress(paths),
         vehicle,
@@ -102,7 +105,11 @@ def read_records(
     records: list[Record] = []
     notes: list[str] = []
     problems: list[LogError] = []
-    effects = () if model is None else model.effects
+    effects: tuple[AdoptedEffect, ...]
+    if model is None:
+        effects = ()
+    else:
+        effects = model.effects
     for path in paths:
         said: dict[str, None] = {}
         own = Stretches()
@@ -140,7 +147,10 @@ def read_records(
 
 def _name(part: FlightLog, log: FlightLog) -> str:
     """Of a record: file and boot, and which time of it where a boot comes in stretches."""
-    since = "" if part is log else f", from {(part.start_s - log.start_s) / 60.0:.0f} min"
+    if part is log:
+        since = ""
+    else:
+        since = f", from {(part.start_s - log.start_s) / 60.0:.0f} min"
     return f"{log.path.name} (boot {log.boot + 1}{since})"
 
 
@@ -178,7 +188,10 @@ def _remarks(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
     out = []
     for f in found:
         remark = f.effect.shown.remark
-        note = None if remark is None else remark({e.name: e.determined for e in f.fitted})
+        if remark is None:
+            note = None
+        else:
+            note = remark({e.name: e.determined for e in f.fitted})
         if note is not None:
             out.append(f"{records[f.flight].name}: {note}")
     return out

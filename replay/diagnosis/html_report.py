@@ -23,7 +23,7 @@ from replay.diagnosis.words import (
     plain,
     size_text,
     unit_words,
-)  # fmt: skip
+)
 from replay.report import render
 
 

@@ -18,19 +18,28 @@ def model_faults(records: Sequence[Record], chosen: Choice | None) -> list[dict[
     Nothing is said of a lift that the log's own faults keep from being judged.
     """
     low, high = IN_FLIGHT
-    out = [] if chosen is None else [
-        {"channel": "model", "what": f"is of another fan than the vehicle file: {wrong}"}
-        for wrong in chosen.contradictions
-    ]  # fmt: skip
+    if chosen is None:
+        out = []
+    else:
+        out = [
+            {"channel": "model", "what": f"is of another fan than the vehicle file: {wrong}"}
+            for wrong in chosen.contradictions
+        ]
     for record in records:
         context = record.context
         valid = record.valid
         felt = context.vehicle.mass_kg * np.linalg.norm(context.state.specific_force, axis=1)
         lift = context.thrust.sum(axis=1)
         share = lift[valid] / np.maximum(felt[valid], 0.1 * context.vehicle.mass_kg * GRAVITY)
-        ratio = float(np.nanmedian(share)) if np.isfinite(share).any() else 1.0
+        if np.isfinite(share).any():
+            ratio = float(np.nanmedian(share))
+        else:
+            ratio = 1.0
         if 2 in record.axes and not low <= ratio <= high:
-            source = "vehicle file" if context.model is None else "model"
+            if context.model is None:
+                source = "vehicle file"
+            else:
+                source = "model"
             what = f"{record.name}: modelled lift is {ratio:.2g} times the lift that flew; of another vehicle?"
             out.append({"channel": source, "what": what})
     return out

@@ -42,7 +42,10 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
     if faults:
         wrong = tuple(f"{channel_words(channel)}: {what}." for channel, what in faults)
         action = "Check this in the log and the vehicle file first: the effects below may follow from it."
-        head = f"The model lacks {names}, but the" if names else "The"
+        if names:
+            head = f"The model lacks {names}, but the"
+        else:
+            head = "The"
         return NextStep(f"{head} log or the vehicle file has a fault.", action, wrong, bad=True)
     if answer.verdict == "not_judged":
         return NextStep(
@@ -50,7 +53,11 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
         )
     if answer.verdict == "nothing_missing":
         idle = "What this flight could not have shown is listed below, with what to fly for it."
-        reasons = () if all(r.excited for r in answer.rejected) else (idle,)
+        reasons: tuple[str, ...]
+        if all(r.excited for r in answer.rejected):
+            reasons = ()
+        else:
+            reasons = (idle,)
         return NextStep(
             "Nothing is missing: the model explains this flight.",
             "There is nothing to change.",
@@ -58,9 +65,10 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
         )
     if answer.verdict == "unexplained":
         return NextStep(
-            "The model lacks something, and no effect of the catalogue fits it.", _look(answer),
+            "The model lacks something, and no effect of the catalogue fits it.",
+            _look(answer),
             ("Adopt nothing: its cause is not known.",),
-        )  # fmt: skip
+        )
     rest = answer.verdict == "partly_explained"
     head = f"The model lacks: {names}." + (" Something else remains." if rest else "")
     action, reason = _act(answer)
@@ -74,13 +82,12 @@ def certainty(f: Found) -> str:
         return f"Uncertain ({chance}): a parameter is at the limit of what was tried."
     if f.status == "confirmed":
         return f"Confirmed ({chance}): as found on one flight, it also removes error from another."
-    likely = (
-        "Likely"
-        if f.probability >= SURE
-        else "Possible"
-        if f.probability >= LIKELY
-        else "A hint only"
-    )
+    if f.probability >= SURE:
+        likely = "Likely"
+    elif f.probability >= LIKELY:
+        likely = "Possible"
+    else:
+        likely = "A hint only"
     return f"{likely} ({chance}), seen on one flight."
 
 
@@ -118,11 +125,9 @@ def _doubt(f: Found) -> str:
         return f"On held-out time {name} does not lower the error: do not adopt it."
     if f.at_bound:
         return f"A parameter of {name} is at the limit of what was tried: do not adopt it."
-    return (
-        ""
-        if f.probability >= SURE
-        else f"{name} has a probability of {f.probability:.2f}: do not adopt it yet."
-    )
+    if f.probability >= SURE:
+        return ""
+    return f"{name} has a probability of {f.probability:.2f}: do not adopt it yet."
 
 
 def _look(answer: Diagnosis) -> str:

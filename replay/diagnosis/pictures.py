@@ -54,11 +54,10 @@ def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
     own, left = ((w * drawn.direction).sum(axis=1)[good] for w in (wrench, t.after))
     middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
-    fitted = (
-        "correction, as fitted"
-        if effect.in_flight.use is InFlight.MEASUREMENT
-        else "the effect, as fitted"
-    )
+    if effect.in_flight.use is InFlight.MEASUREMENT:
+        fitted = "correction, as fitted"
+    else:
+        fitted = "the effect, as fitted"
     factor, unit = scale(UNITS[AXES.index(axis)], record.context.vehicle)
     mean, error, curve = (factor * values for values in (mean, error, curve))
     lines = [
@@ -131,6 +130,9 @@ def envelope(x: Array, y: Array) -> tuple[Array, Array]:
     keep: list[int] = []
     for part in np.array_split(np.arange(len(x)), PIXELS):
         known = part[np.isfinite(y[part])]
-        ends = {known[y[known].argmin()], known[y[known].argmax()]} if known.size else {part[0]}
+        if known.size:
+            ends = {known[y[known].argmin()], known[y[known].argmax()]}
+        else:
+            ends = {part[0]}
         keep += sorted(map(int, ends))
     return x[keep], y[keep]

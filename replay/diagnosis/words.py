@@ -21,16 +21,28 @@ AXIS_WORDS = (
 """Fx Fy Fz Mx My Mz, body FRD."""
 _CHANNELS = {
     "time_s": "time [s]",
-    "north_m": "position north [m]", "east_m": "position east [m]", "down_m": "position down [m]",
-    "vn_m_s": "speed north [m/s]", "ve_m_s": "speed east [m/s]", "vd_m_s": "speed down [m/s]",
-    "roll_rad": "roll angle [rad]", "pitch_rad": "pitch angle [rad]", "yaw_rad": "heading [rad]",
-    "p_rad_s": "roll rate [rad/s]", "q_rad_s": "pitch rate [rad/s]", "r_rad_s": "yaw rate [rad/s]",
-    "ax_m_s2": "acceleration forward [m/s²]", "ay_m_s2": "acceleration to the right [m/s²]",
-    "az_m_s2": "acceleration down [m/s²]", "thrust_command": "thrust command [0 to 1]",
-    "battery_voltage_v": "battery voltage [V]", "battery_current_a": "battery current [A]",
-    "esc_temperature_c": "ESC temperature [°C]", "pressure_pa": "air pressure [Pa]",
+    "north_m": "position north [m]",
+    "east_m": "position east [m]",
+    "down_m": "position down [m]",
+    "vn_m_s": "speed north [m/s]",
+    "ve_m_s": "speed east [m/s]",
+    "vd_m_s": "speed down [m/s]",
+    "roll_rad": "roll angle [rad]",
+    "pitch_rad": "pitch angle [rad]",
+    "yaw_rad": "heading [rad]",
+    "p_rad_s": "roll rate [rad/s]",
+    "q_rad_s": "pitch rate [rad/s]",
+    "r_rad_s": "yaw rate [rad/s]",
+    "ax_m_s2": "acceleration forward [m/s²]",
+    "ay_m_s2": "acceleration to the right [m/s²]",
+    "az_m_s2": "acceleration down [m/s²]",
+    "thrust_command": "thrust command [0 to 1]",
+    "battery_voltage_v": "battery voltage [V]",
+    "battery_current_a": "battery current [A]",
+    "esc_temperature_c": "ESC temperature [°C]",
+    "pressure_pa": "air pressure [Pa]",
     "air_temperature_c": "air temperature [°C]",
-}  # fmt: skip
+}
 _CAPITALS = {"imu": "IMU", "cg": "CG", "esc": "ESC"}
 _NUMBERED = {"rpm": "speed of ESC {} [rpm]", "servo": "servo output {} [µs]"}
 _OF_ONE_FLIGHT = {BelongsTo.WEATHER: "the weather", BelongsTo.LOAD: "the battery and the load"}
@@ -53,7 +65,9 @@ def channel_words(name: str) -> str:
     if numbered:
         return _NUMBERED[numbered[1]].format(numbered[2])
     ranged = re.fullmatch(r"range_(\w+)_m", name)
-    return f"range {ranged[1]} [m]" if ranged else plain(name)
+    if ranged:
+        return f"range {ranged[1]} [m]"
+    return plain(name)
 
 
 def plain(name: str) -> str:
@@ -87,10 +101,19 @@ def size_text(value: float) -> str:
 def estimate_text(e: IntervalEstimate) -> str:
     """``mass_kg = 0.42 [0.38, 0.46] kg``, or ``scale not determined [-0.2, 0.7]``."""
     digits = _digits(e)
-    interval = "" if e.ci95 is None else f" [{e.ci95[0]:.{digits}g}, {e.ci95[1]:.{digits}g}]"
+    if e.ci95 is None:
+        interval = ""
+    else:
+        interval = f" [{e.ci95[0]:.{digits}g}, {e.ci95[1]:.{digits}g}]"
     unit = f" {unit_words(e.unit)}".rstrip()
-    size = f"= {e.value:.{digits}g}" if e.determined else "not determined"
-    bound = " (at its bound)" if e.at_bound else ""
+    if e.determined:
+        size = f"= {e.value:.{digits}g}"
+    else:
+        size = "not determined"
+    if e.at_bound:
+        bound = " (at its bound)"
+    else:
+        bound = ""
     return f"{e.name} {size}{interval}{unit}{bound}"
 
 
@@ -130,14 +153,16 @@ def kept_words(effect: Effect) -> str:
             left = [
                 f"what of it is the vehicle's, as {listed([plain(name) for name in effect.contains])}"
             ]
-        rest = f"; the amended model keeps {listed(left)}" if left else ""
+        if left:
+            rest = f"; the amended model keeps {listed(left)}"
+        else:
+            rest = ""
         return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:
-        corrects = (
-            "corrects what this sensor reads"
-            if effect.in_flight.use is InFlight.MEASUREMENT
-            else "corrects its logs"
-        )
+        if effect.in_flight.use is InFlight.MEASUREMENT:
+            corrects = "corrects what this sensor reads"
+        else:
+            corrects = "corrects its logs"
         return f"kept for this sensor: it {corrects}, and is not compensated in flight"
     if effect.belongs_to is BelongsTo.PLACE:
         return "kept: it acts only where a range shows such a place"

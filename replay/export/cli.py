@@ -22,10 +22,12 @@ _PACKAGES = {"parquet": "pyarrow", "mcap": "mcap.writer"}
 def add_parser(commands: Any) -> None:
     """Register ``export`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "export", help="a log and the decisions on it as Parquet, CSV or MCAP, with units", epilog=_EPILOG,
+        "export",
+        help="a log and the decisions on it as Parquet, CSV or MCAP, with units",
+        epilog=_EPILOG,
         description="Everything a log holds, and what the companion decides on it, in SI units on the vehicle's boot "
         "clock: as one table, or as MCAP for Foxglove.",
-    )  # fmt: skip
+    )
     p.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--to", required=True, choices=("parquet", "csv", "mcap"), help="format")
     p.add_argument(
@@ -59,7 +61,10 @@ def run(a: argparse.Namespace) -> int:
     if a.to in _PACKAGES and find_spec(_PACKAGES[a.to]) is None:
         need = f"--to {a.to}: needs the package {_PACKAGES[a.to].partition('.')[0]}"
         raise ConfigError(f"{need}: pip install 'corner-compensator[export]', or --to csv")
-    target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
+    if a.out is None:
+        target = Path(f"{a.log.stem}.{a.to}")
+    else:
+        target = a.out
     try:
         with _whole(target) as part:
             logs = load(a.log, a.target_system)

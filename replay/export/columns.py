@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -52,7 +53,7 @@ class LogTable:
         if column.words is None:
             return out
         return np.array(
-            [None if code != code else column.words[int(code)] for code in out.tolist()], object
+            [None if math.isnan(code) else column.words[int(code)] for code in out.tolist()], object
         )
 
 
@@ -79,7 +80,10 @@ def recorded(log: FlightLog) -> Iterator[Column]:
         "velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED"
     )
     for k, imu in enumerate(log.imus, 1):
-        tail = "" if k == 1 else f"_imu{k}"
+        if k == 1:
+            tail = ""
+        else:
+            tail = f"_imu{k}"
         topic = f"imu_{k}"
         of = f"{frd}, {imu.source}"
         force = [f"a{c}{tail}_m_s2" for c in "xyz"]

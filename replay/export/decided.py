@@ -85,7 +85,10 @@ def _modelled(seen: Disturbance | None) -> Iterator[Quantity]:
         "used_d_m", "m", "wall distance of the nearest fan, as the model was asked", min(seen.d_m)
     )
     for name, surface in (("ground", seen.ground), ("wall", seen.wall), ("ceiling", seen.ceiling)):
-        sd = surface.sigma_m if math.isfinite(surface.distance_m) else math.nan
+        if math.isfinite(surface.distance_m):
+            sd = surface.sigma_m
+        else:
+            sd = math.nan
         yield Quantity(
             f"{name}_distance_m",
             "m",
@@ -132,7 +135,14 @@ class Decisions:
         self._words: dict[str, int] = {}
         self._topics: dict[str, _Topic] = {}
         nothing = Decision(
-            0.0, None, (), 0.0, Offset(), None, None, adaptation=adapt.initial(config)
+            t_s=0.0,
+            command=None,
+            reasons=(),
+            authority=0.0,
+            offset=Offset(),
+            base=None,
+            disturbance=None,
+            adaptation=adapt.initial(config),
         )
         for topic, said in _told(nothing, None):
             quantities = list(said)
@@ -160,15 +170,18 @@ class Decisions:
         for topic, (quantities, t_s, values) in self._topics.items():
             for q, column in zip(quantities, values, strict=True):
                 known = np.isfinite(column)
-                words = tuple(self._words) if isinstance(q.value, str) else None
+                if isinstance(q.value, str):
+                    words = tuple(self._words)
+                else:
+                    words = None
                 yield Column(
-                    q.name,
-                    q.unit,
-                    q.description,
-                    np.array(t_s)[known],
-                    np.array(column)[known],
-                    topic,
-                    words,
+                    name=q.name,
+                    unit=q.unit,
+                    description=q.description,
+                    t_s=np.array(t_s)[known],
+                    values=np.array(column)[known],
+                    topic=topic,
+                    words=words,
                 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,9 @@ def write_csv(
 
 def _cell(value: float | str | None) -> str:
     if isinstance(value, float):
-        return "" if value != value else f"{value:.10g}"
+        if math.isnan(value):
+            return ""
+        return f"{value:.10g}"
     return value or ""
 
 

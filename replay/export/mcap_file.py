@@ -43,9 +43,10 @@ def write_mcap(
         for boot, t_s, values in blocks(tables, columns, _ROWS):
             times = [round(t * 1e9) for t in t_s.tolist()]
             if boot != boot_now:  # a time of MCAP cannot be negative
-                shift_ns = (
-                    max(-times[0], 0) if boot_now < 0 else last_ns + _BETWEEN_BOOTS_NS - times[0]
-                )
+                if boot_now < 0:
+                    shift_ns = max(-times[0], 0)
+                else:
+                    shift_ns = last_ns + _BETWEEN_BOOTS_NS - times[0]
             boot_now = boot
             last_ns = times[-1] + shift_ns
             cells = [column.tolist() for column in values]
@@ -70,6 +71,9 @@ def _schema(columns: Sequence[Column]) -> dict[str, Any]:
         "boot": {"type": "integer", "description": "start of the vehicle, from 1"}
     }
     for c in columns:
-        kind = "number" if c.words is None else "string"
+        if c.words is None:
+            kind = "number"
+        else:
+            kind = "string"
         properties[c.name] = {"type": kind, "description": f"{c.description} [{c.unit}]"}
     return {"type": "object", "properties": properties}

@@ -41,7 +41,10 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
     paths, notes = logs_in(folder)
     title = f"{folder.resolve().name}-{a.command}"
     out = a.out or Path(title)
-    pages = None if a.report is None else (a.report / "logs").resolve()
+    if a.report is None:
+        pages = None
+    else:
+        pages = (a.report / "logs").resolve()
     places = {
         "--vehicle": None if a.vehicle is None else a.vehicle.resolve(),
         "--model": Path(a.model).resolve()
@@ -67,7 +70,9 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
         print(
             f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: {written['page']}"
         )
-    return 0 if len(bad) < len(jobs) else LogError.exit_code
+    if len(bad) < len(jobs):
+        return 0
+    return LogError.exit_code
 
 
 def _answers(a: argparse.Namespace, out: Path, jobs: list[Job]) -> dict[Job, dict[str, Any]]:

@@ -66,16 +66,16 @@ class Job:
     @property
     def page(self) -> Path | None:
         """The log's own page."""
-        return None if self.pages is None else self.pages / self.name / "report.html"
+        if self.pages is None:
+            return None
+        return self.pages / self.name / "report.html"
 
     @property
     def link(self) -> str | None:
         """To that page, from the page of the folder; None where there is none."""
-        return (
-            f"logs/{self.name}/report.html"
-            if self.page is not None and self.page.is_file()
-            else None
-        )
+        if self.page is not None and self.page.is_file():
+            return f"logs/{self.name}/report.html"
+        return None
 
 
 _running: list[subprocess.Popen[str]] = []
@@ -85,12 +85,18 @@ _running: list[subprocess.Popen[str]] = []
 def perform(job: Job) -> dict[str, Any]:
     """The answer of the command; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
     start = time.monotonic()
-    page = [] if job.page is None else [f"--report={job.page.parent}"]
+    if job.page is None:
+        page = []
+    else:
+        page = [f"--report={job.page.parent}"]
     process = subprocess.Popen(
         [sys.executable, "-m", "replay", *job.words, *page, "--json=-", "--quiet"],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         env={"OMP_NUM_THREADS": "1", **os.environ},  # one process a core is enough
-    )  # fmt: skip
+    )
     _running.append(process)
     # MemoryError rather than the kernel's killer.
     resource.prlimit(process.pid, resource.RLIMIT_DATA, (int(_USABLE_BYTES),) * 2)

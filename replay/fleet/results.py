@@ -16,10 +16,30 @@ from replay.fleet.jobs import Job
 from replay.logs.formats import READERS
 
 _COLUMNS = (
-    "log", "date", "date_from", "error", "verdict", "duration_s", "wall_s", "axes", "effects", "decisions", "commands",
-    "compensated_s", "share_compensated", "gaps_s", "refusals_s", "thrust", "roll_deg", "pitch_deg", "h_m", "d_m",
-    "trust", "lift_n", "side_n",
-)  # fmt: skip
+    "log",
+    "date",
+    "date_from",
+    "error",
+    "verdict",
+    "duration_s",
+    "wall_s",
+    "axes",
+    "effects",
+    "decisions",
+    "commands",
+    "compensated_s",
+    "share_compensated",
+    "gaps_s",
+    "refusals_s",
+    "thrust",
+    "roll_deg",
+    "pitch_deg",
+    "h_m",
+    "d_m",
+    "trust",
+    "lift_n",
+    "side_n",
+)
 """Of the JSON, in the table."""
 
 
@@ -45,7 +65,9 @@ def known(out: Path, job: Job) -> dict[str, Any] | None:
         answer: dict[str, Any] = json.loads(_file(out, job).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return answer if "error" in answer or job.page is None or job.page.is_file() else None
+    if "error" in answer or job.page is None or job.page.is_file():
+        return answer
+    return None
 
 
 def keep(out: Path, job: Job, answer: dict[str, Any]) -> None:
@@ -69,7 +91,11 @@ def row(answer: dict[str, Any]) -> dict[str, Any]:
 
 def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in content.items():
-        inner = dict(zip(("low", "high"), value, strict=True)) if name == "ci95" else value
+        inner: Any
+        if name == "ci95":
+            inner = dict(zip(("low", "high"), value, strict=True))
+        else:
+            inner = value
         if isinstance(inner, Mapping):
             yield from _flat(inner, f"{before}{name}.")
         elif inner is not None and not isinstance(inner, list):

@@ -64,13 +64,15 @@ def _forces(log: FlightLog) -> Judged:
     if log.attitude is None:
         return Extent.NO, "no attitude", change_for(log, "attitude")
     imu = max(log.imus, key=lambda i: _rate(i.specific_force), default=None)
-    rate = 0.0 if imu is None else _rate(imu.specific_force)
+    if imu is None:
+        rate = 0.0
+    else:
+        rate = _rate(imu.specific_force)
     if imu is None or rate < FORCE_RATE_HZ:
-        why = (
-            f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed"
-            if rate
-            else "no accelerometer"
-        )
+        if rate:
+            why = f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed"
+        else:
+            why = "no accelerometer"
         return Extent.NO, why, change_for(log, "imu")
     if imu.clipped:
         why = f"the accelerometer clipped {imu.clipped} times: its mean cannot be trusted"
@@ -85,24 +87,26 @@ def _moments(log: FlightLog) -> Judged:
     rates = [_rate(i.gyro) for i in log.imus] + [_rate(log.rates)]
     rate = max(rates)
     if rate < MOMENT_RATE_HZ:
-        why = (
-            f"angular rates at {rate:.1f} Hz; {MOMENT_RATE_HZ:.0f} Hz are needed"
-            if rate
-            else "no angular rates"
-        )
+        if rate:
+            why = f"angular rates at {rate:.1f} Hz; {MOMENT_RATE_HZ:.0f} Hz are needed"
+        else:
+            why = "no angular rates"
         return Extent.NO, why, change_for(log, "imu")
     return Extent.YES, f"angular rates at {rate:.0f} Hz", ""
 
 
 def _rate(series: Series | None) -> float:
-    return series.rate_hz if series is not None and len(series) > 1 else 0.0
+    if series is not None and len(series) > 1:
+        return series.rate_hz
+    return 0.0
 
 
 def _rotors(log: FlightLog, vehicle: Vehicle | None) -> Judged:
     speeds = {number: _rate(esc.rpm) for number, esc in log.escs.items() if esc.rpm is not None}
-    rotors = () if vehicle is None else vehicle.rotors
-    wanted = [rotor.esc for rotor in rotors if rotor.esc is not None]
-    wanted = wanted if vehicle else sorted(speeds)
+    if vehicle is None:
+        wanted = sorted(speeds)
+    else:
+        wanted = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
     if wanted and all(n in speeds for n in wanted):
         slowest = min(speeds[n] for n in wanted)
         why = f"speeds of ESC {', '.join(map(str, wanted))} at {slowest:.0f} Hz"
@@ -112,7 +116,10 @@ def _rotors(log: FlightLog, vehicle: Vehicle | None) -> Judged:
     if vehicle is not None and not wanted:
         return _by_outputs(log)
     lacking = ", ".join(str(n) for n in wanted if n not in speeds)
-    why = f"no speed of ESC {lacking}" if lacking else "no rotor speeds"
+    if lacking:
+        why = f"no speed of ESC {lacking}"
+    else:
+        why = "no rotor speeds"
     if log.servo is not None:
         why += "; servo outputs are there"
         change = f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)"

@@ -22,10 +22,12 @@ _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log
 def add_parser(commands: Any) -> None:
     """Register ``info`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "info", help="what is in a log, and what can and cannot be judged with it", epilog=_EPILOG,
+        "info",
+        help="what is in a log, and what can and cannot be judged with it",
+        epilog=_EPILOG,
         description="What is in a log, at which rates and with which gaps; what can and cannot be judged with it, and "
         "the parameter that would change that; with --companion, whether it would have engaged.",
-    )  # fmt: skip
+    )
     p.add_argument(
         "logs",
         nargs="+",
@@ -46,9 +48,12 @@ def add_parser(commands: Any) -> None:
         "--model", metavar="DIR", help="model directory, or none (default: the shipped model)"
     )
     p.add_argument(
-        "--param", action="append", default=[], metavar="NAME=VALUE",
+        "--param",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
         help="take an autopilot parameter as given where a log lacks it, such as GUID_OPTIONS=8",
-    )  # fmt: skip
+    )
     add_source_option(p)
     add_answer_options(p, "the answers as a JSON list")
     p.set_defaults(run=run)

@@ -120,7 +120,10 @@ def inspect(
     logs = load(path, target_system, settings)
     boots = [_boot(_with_frame(log), vehicle) for log in logs]
     flown = next((log for log in logs if log.armed), logs[0])
-    name = what_it_is(flown) if vehicle is None else vehicle.name
+    if vehicle is None:
+        name = what_it_is(flown)
+    else:
+        name = vehicle.name
     return LogInfo(str(path), path.stat().st_size, name, boots, refusal)
 
 
@@ -157,7 +160,10 @@ def decided(
         return unasked(why)
     numbers = {key: summary.as_json()[key] for key in ("compensated_s", "duration_s", "refusals_s")}
     engages = numbers["compensated_s"] > 0.0
-    verdict = "would have engaged" if engages else "would not have engaged"
+    if engages:
+        verdict = "would have engaged"
+    else:
+        verdict = "would not have engaged"
     return {
         "engages": engages,
         **numbers,
@@ -208,8 +214,14 @@ def _boot_text(boot: BootInfo) -> list[str]:
         f"  {'holds':<26} {'samples':>8} {'rate':>9} {'gaps':>5} {'longest':>8}  from",
     ]
     for s in boot.streams:
-        rate = "once" if s.rate_hz is None else f"{s.rate_hz:.1f} Hz"
-        good = "" if s.share_good is None else f", {s.share_good:.0%} good"
+        if s.rate_hz is None:
+            rate = "once"
+        else:
+            rate = f"{s.rate_hz:.1f} Hz"
+        if s.share_good is None:
+            good = ""
+        else:
+            good = f", {s.share_good:.0%} good"
         out.append(
             f"  {s.name:<26} {s.count:>8} {rate:>9} {s.gaps:>5} {s.longest_gap_s:>6.2f} s  {s.source}{good}"
         )

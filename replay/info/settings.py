@@ -106,7 +106,9 @@ def _of_version(log: FlightLog, said: str) -> str:
     version = copter_version(log)
     if "MAV" in named or (version or (0, 0)) >= _RENAMED:
         return said.replace("SRx_", "MAVx_")
-    return said if named or version else f"{said} (from 4.7 on SRx_ is MAVx_)"
+    if named or version:
+        return said
+    return f"{said} (from 4.7 on SRx_ is MAVx_)"
 
 
 def parameter_missing(log: FlightLog, name: str, since: tuple[int, int]) -> str:
@@ -128,7 +130,9 @@ def older_than(log: FlightLog, version: tuple[int, int]) -> str:
     """How ArduCopter is called where it is older than ``version``; empty where that is not known."""
     own = copter_version(log)
     if own is not None:
-        return f"ArduCopter {own[0]}.{own[1]}" if own < version else ""
+        if own < version:
+            return f"ArduCopter {own[0]}.{own[1]}"
+        return ""
     if "FRAME" in log.parameters and "FRAME_CLASS" not in log.parameters:
         return "ArduCopter before {}.{}".format(*_FRAME_RENAMED)
     return ""

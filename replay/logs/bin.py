@@ -33,9 +33,24 @@ EKF = ("XKF1", "NKF1", "EKF1")
 """Filter output, newest name first: EKF3, EKF2, and EKF1 of old logs."""
 ESCS = ("ESC", *(f"ESC{i}" for i in range(1, 33)))
 _STAMPED = (
-    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", *ESCS, "RPM", "MODE", "EV",
-    "ARM", "CTUN", "VIBE",
-)  # fmt: skip
+    "ATT",
+    "XKQ",
+    "NKQ",
+    *IMUS,
+    *EKF,
+    "RCOU",
+    "BAT",
+    "CURR",
+    "BARO",
+    "RFND",
+    *ESCS,
+    "RPM",
+    "MODE",
+    "EV",
+    "ARM",
+    "CTUN",
+    "VIBE",
+)
 """Messages whose stamps are boot times. GPS messages reuse TimeMS for the time of week."""
 _HEAD = b"\xa3\x95"
 _FMT = 128
@@ -87,7 +102,11 @@ class MessageFormat:
     @property
     def stamp(self) -> str | None:
         """The field with its boot time."""
-        times = _TIMES[:1] if self.name in _GPS else _TIMES
+        times: tuple[str, ...]
+        if self.name in _GPS:
+            times = _TIMES[:1]
+        else:
+            times = _TIMES
         return next((field for field in times if field in self.fields), None)
 
     def fits(self, data: bytes, i: int) -> bool:
@@ -103,11 +122,17 @@ def _declared(message: bytes) -> MessageFormat:
     name, formats, columns = (
         declared[k].decode("ascii", "replace") for k in ("name", "format", "columns")
     )
-    fields = tuple(columns.split(",")) if columns else ()
+    if columns:
+        fields = tuple(columns.split(","))
+    else:
+        fields = ()
     known = all(c in FORMAT_TO_STRUCT for c in formats) and len(set(fields)) == len(fields) == len(
         formats
     )
-    pairs = list(zip(fields, formats, strict=True)) if known else []
+    if known:
+        pairs = list(zip(fields, formats, strict=True))
+    else:
+        pairs = []
     return MessageFormat(
         number=int(declared["type"]),
         name=name,
@@ -280,16 +305,18 @@ class Dataflash:
         if len(place):
             return np.concatenate([[np.nan], t_s])[np.searchsorted(place, offsets)]
         place, t_s = self._gps_clock
-        return np.interp(offsets, place, t_s) if len(place) else np.full(len(offsets), np.nan)
+        if len(place):
+            return np.interp(offsets, place, t_s)
+        return np.full(len(offsets), np.nan)
 
     @property
     def clock(self) -> str:
         """Where the times are from."""
         if len(self._clock[0]):
             return "TimeUS or TimeMS of the messages"
-        return (
-            "time of GPS, between in the order of the file" if len(self._gps_clock[0]) else "none"
-        )
+        if len(self._gps_clock[0]):
+            return "time of GPS, between in the order of the file"
+        return "none"
 
     @functools.cached_property
     def _clock(self) -> tuple[NDArray[np.int64], Array]:
@@ -311,9 +338,10 @@ class Dataflash:
         """
         for kind, offsets, content in self._records(*_GPS):
             field = next((field for field in ("T", "TimeMS", "Time") if field in kind.fields), None)
-            t_s = (
-                np.zeros(len(offsets)) if field is None else np.asarray(content[field], float) / 1e3
-            )
+            if field is None:
+                t_s = np.zeros(len(offsets))
+            else:
+                t_s = np.asarray(content[field], float) / 1e3
             newest = np.maximum.accumulate(np.concatenate([[0.0], believable(t_s)]))
             grown = np.flatnonzero(t_s > newest[:-1])
             if len(grown) > 1:
@@ -339,7 +367,10 @@ class Dataflash:
         """The messages of first <= offset < ``end``, with what was declared and set before."""
         own = {}
         for kind, offsets in self.places.items():
-            since = 0 if kind.name in _LASTING else first
+            if kind.name in _LASTING:
+                since = 0
+            else:
+                since = first
             own[kind] = offsets[(offsets >= since) & (offsets < end)]
         return replace(self, places=own)
 
@@ -395,7 +426,10 @@ class _Walk:
         kinds = self._kinds
         doubted = self._doubted
         while i + _SHORTEST <= n:
-            kind = kinds[data[i + 2]] if data[i] == _HEAD[0] and data[i + 1] == _HEAD[1] else None
+            if data[i] == _HEAD[0] and data[i + 1] == _HEAD[1]:
+                kind = kinds[data[i + 2]]
+            else:
+                kind = None
             if kind is None:
                 i = self._resume(i)
                 continue
@@ -496,7 +530,9 @@ def _stamps(kind: MessageFormat, content: NDArray[Any]) -> Array:
 
 def _letter(content: NDArray[Any], field: str) -> str:
     """numpy's letter for what a field holds; "" where there is none of that name, as in a damaged declaration."""
-    return content.dtype[field].kind if field in (content.dtype.names or ()) else ""
+    if field in (content.dtype.names or ()):
+        return content.dtype[field].kind
+    return ""
 
 
 def _text(raw: bytes) -> str:

@@ -50,8 +50,11 @@ _ARMED, _DISARMED, _LANDED, _AIRBORNE = 10, 11, 18, 28
 _RANGE_GOOD = 4
 """RFND.Stat as RangeFinder::Status, as are the keys below."""
 _RANGE_STATES = {
-    0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
-}  # fmt: skip
+    0: RangeVerdict.LOW_QUALITY,
+    1: RangeVerdict.LOW_QUALITY,
+    2: RangeVerdict.BELOW_MIN,
+    3: RangeVerdict.ABOVE_MAX,
+}
 _CENTI = 0.01
 _MILLI = 0.001
 _FILTERS = (("XKF1", "XKF4", "EK3_IMU_MASK"), ("NKF1", "NKF4", "EK2_IMU_MASK"))
@@ -96,7 +99,12 @@ def flightlog(data: Dataflash) -> FlightLog:
     vibration = _of(data.of("VIBE"), "IMU")
     modes = data.of("MODE")
     return FlightLog(
-        path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
+        path=data.path,
+        system=1,
+        boot=data.boot,
+        start_s=start,
+        end_s=end,
+        autopilot=_ARDUPILOT,
         vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in texts) else None,
         attitude=_angles(data.of("ATT"), "Roll", "Pitch", "Yaw"),
         # No rates: RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
@@ -118,8 +126,10 @@ def flightlog(data: Dataflash) -> FlightLog:
         parameter_changes=changes,
         texts=tuple((t_s, _INFO, text) for t_s, text in texts),
         sources=(SourceChoice(quantity="clock", chosen=data.clock, why="the only one of the log"),),
-        summary=LogSummary(data.size, sum(map(len, data.places.values())), (*data.notes, *change_notes(changes))),
-    )  # fmt: skip
+        summary=LogSummary(
+            data.size, sum(map(len, data.places.values())), (*data.notes, *change_notes(changes))
+        ),
+    )
 
 
 def _whole(messages: Messages, field: str, missing: int) -> NDArray[np.int64]:
@@ -232,7 +242,9 @@ def _imu_name(data: Dataflash, instance: int) -> str:
     """Of the IMU with this number: a message of its own in old logs, else one of several instances."""
     if instance and len(data.of(IMUS[instance])):
         return IMUS[instance]
-    return f"IMU:{instance}" if instance else "IMU"
+    if instance:
+        return f"IMU:{instance}"
+    return "IMU"
 
 
 def _angles(messages: Messages, *names: str) -> Series | None:
@@ -246,7 +258,10 @@ def _imus(data: Dataflash) -> tuple[ImuRecord, ...]:
         messages = data.of(kind)
         for instance in np.unique(_whole(messages, "I", 0)).tolist():
             own = _of(messages, "I", instance)
-            source = f"{kind}:{instance}" if instance else kind
+            if instance:
+                source = f"{kind}:{instance}"
+            else:
+                source = kind
             record = imu_record(
                 source,
                 own.series(own.columns("AccX", "AccY", "AccZ"), source),
@@ -264,18 +279,21 @@ def _healthy(imu: Messages) -> bool | None:
     """Whether accelerometer (AH) and gyro (GH) were healthy most of the time; None where the log does not say."""
     flags = imu.columns("AH", "GH")
     known = flags[np.isfinite(flags).all(axis=1)]
-    return bool(np.median(known.min(axis=1)) > 0.0) if len(known) else None
+    if len(known):
+        return bool(np.median(known.min(axis=1)) > 0.0)
+    return None
 
 
 def _clip_count(vibration: Messages, imu: int) -> int:
     """How far the clip counter of one IMU went: ``Clip`` by instance, or ``Clip0 Clip1 Clip2`` in one message."""
-    counts = (
-        _of(vibration, "IMU", imu).column("Clip")
-        if "Clip" in vibration
-        else vibration.column(f"Clip{imu}")
-    )
+    if "Clip" in vibration:
+        counts = _of(vibration, "IMU", imu).column("Clip")
+    else:
+        counts = vibration.column(f"Clip{imu}")
     known = counts[np.isfinite(counts)]
-    return int(known[-1] - known[0]) if known.size else 0
+    if known.size:
+        return int(known[-1] - known[0])
+    return 0
 
 
 def _servos(data: Dataflash) -> dict[int, Series]:
@@ -336,7 +354,9 @@ def _batteries(data: Dataflash) -> dict[str, Series]:
     old = data.of("CURR")
     whole = "Volt" in old and old["Volt"].dtype.kind in "iu"
     series = old.series(old.columns("Volt", "Curr") * (_CENTI if whole else 1.0))
-    return {} if series is None else {"CURR": series}
+    if series is None:
+        return {}
+    return {"CURR": series}
 
 
 def _pressures(data: Dataflash) -> dict[str, Series]:
@@ -435,11 +455,15 @@ def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
         said = _events(data.of("EV"), {_ARMED: 1, _DISARMED: 0}, end)
     if not said:
         thrust = _thrust(data.of("CTUN"))
-        up = np.empty(0) if thrust is None else thrust.t_s[thrust.values[:, 0] > 0.0]
-        return (Interval(float(up[0]), float(up[-1]), 1),) if len(up) else ()
-    before = (
-        [Interval(start, said[0].start_s, 1)]
-        if not said[0].value and said[0].start_s > start
-        else []
-    )
+        if thrust is None:
+            up = np.empty(0)
+        else:
+            up = thrust.t_s[thrust.values[:, 0] > 0.0]
+        if len(up):
+            return (Interval(float(up[0]), float(up[-1]), 1),)
+        return ()
+    if not said[0].value and said[0].start_s > start:
+        before = [Interval(start, said[0].start_s, 1)]
+    else:
+        before = []
     return (*before, *(i for i in said if i.value))

@@ -81,7 +81,10 @@ class Messages:
 
 def time_span(path: Path, stamps: Sequence[Array], names: str) -> tuple[float, float]:
     """First and last believable time [s] of several columns. Raises LogError where there is none."""
-    known = believable(np.concatenate(stamps)) if stamps else np.empty(0)
+    if stamps:
+        known = believable(np.concatenate(stamps))
+    else:
+        known = np.empty(0)
     if not np.isfinite(known).any():
         raise LogError(
             f"{path}: holds no {names} with a believable time: nothing to replay or diagnose"
@@ -105,7 +108,8 @@ def imu_record(
     """
     if force is None or gyro is None:
         return None
-    step = smallest_step(force.values.ravel()) if step is None else step
+    if step is None:
+        step = smallest_step(force.values.ravel())
     return ImuRecord(
         source=source,
         specific_force=force,
@@ -133,8 +137,10 @@ def range_beam(
     """
     distance = readings.values[:, 0]
     low, high = limits if limits[1] > 0.0 else (math.nan, math.nan)
-    quality = np.zeros(len(distance), int) if quality is None else quality
-    step_m = smallest_step(distance) if step_m is None else step_m
+    if quality is None:
+        quality = np.zeros(len(distance), int)
+    if step_m is None:
+        step_m = smallest_step(distance)
     pairs = zip(distance.tolist(), quality.tolist(), strict=True)
     verdicts = tuple(range_verdict(value, low, high, int(q), True) for value, q in pairs)
     return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
@@ -159,7 +165,8 @@ def clipped_at_extreme(values: Array) -> int:
 
 def tidy(t_s: Array, values: Array, source: str) -> Series | None:
     """A Series sorted by time, repeats of a stamp and samples without a number dropped; None where nothing is left."""
-    values = values[:, None] if values.ndim == 1 else values
+    if values.ndim == 1:
+        values = values[:, None]
     keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
     if not keep.all():  # else no copy: columns of one message share their times
         t_s = t_s[keep]
@@ -167,7 +174,9 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
     if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
-    return Series(t_s, values, source) if t_s.size else None
+    if t_s.size:
+        return Series(t_s, values, source)
+    return None
 
 
 def first_of(found: Iterable[Series | None]) -> Series | None:
@@ -202,7 +211,9 @@ def smallest_step(values: Array) -> float:
     step = float(steps.min())
     on_grid = np.abs(steps / step - np.rint(steps / step)) < 0.1
     scale = float(np.abs(distinct).max())
-    return step if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98 else 0.0
+    if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98:
+        return step
+    return 0.0
 
 
 def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]:
@@ -235,11 +246,10 @@ def unflipped(q: Array) -> Array:
     q = np.where(sound, q / np.where(sound, norm, 1.0), np.nan)
     known = ~np.isnan(q[:, 0])
     dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
-    signs = (
-        np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
-        if known.any()
-        else np.empty(0)
-    )
+    if known.any():
+        signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
+    else:
+        signs = np.empty(0)
     out = q.copy()
     out[known] *= signs[:, None]
     return out

@@ -13,9 +13,13 @@ HEAD_BYTES = 8192
 """So many tell a format: firmware name and free memory stand before the first FMT line of old logs as text."""
 
 PACKED = {
-    b"\x1f\x8b": "gzip", b"\xfd7zXZ\x00": "xz", b"BZh": "bzip2", b"\x28\xb5\x2f\xfd": "zstd", b"PK\x03\x04": "zip",
+    b"\x1f\x8b": "gzip",
+    b"\xfd7zXZ\x00": "xz",
+    b"BZh": "bzip2",
+    b"\x28\xb5\x2f\xfd": "zstd",
+    b"PK\x03\x04": "zip",
     b"7z\xbc\xaf": "7z",
-}  # fmt: skip
+}
 """First bytes of compressed files, whatever their names are."""
 
 
@@ -50,7 +54,10 @@ def _check_memory(path: Path, size: int) -> None:
 def check_head(path: Path, data: bytes, head: bytes, kind: str) -> None:
     """Raises LogError where the bytes are no ``kind``, which starts with ``head``."""
     if not data.startswith(head):
-        shown = head.decode() if head.isascii() else head.hex(" ").upper()
+        if head.isascii():
+            shown = head.decode()
+        else:
+            shown = head.hex(" ").upper()
         raise LogError(f"{path}: is no {kind}: it does not start with {shown}")
 
 

@@ -40,8 +40,14 @@ def suffix_of(path: Path) -> str:
         known = _by_content(path)
         if known is not None:
             return known
-        advice = "; unpack it first" if suffix in _PACKED else _advice_on_text(path)
-        what = f"'{path.suffix}'" if path.suffix else "no suffix"
+        if suffix in _PACKED:
+            advice = "; unpack it first"
+        else:
+            advice = _advice_on_text(path)
+        if path.suffix:
+            what = f"'{path.suffix}'"
+        else:
+            what = "no suffix"
         raise LogError(
             f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}"
         )
@@ -56,7 +62,9 @@ def _by_content(path: Path) -> str | None:
     if is_text_dataflash(head):
         return ".bin"
     frames, _ = walk(head, Counts(), _STAMP_BYTES, whole=False)
-    return ".tlog" if len(frames) >= _FRAMES else None
+    if len(frames) >= _FRAMES:
+        return ".tlog"
+    return None
 
 
 def _head(path: Path) -> bytes:

@@ -58,5 +58,8 @@ def change_notes(changes: Iterable[ParameterChange]) -> list[str]:
         return []
     first = list(said.values())[:_NAMED]
     more = len(said) - len(first)
-    rest = f" and {more} more" if more else ""
+    if more:
+        rest = f" and {more} more"
+    else:
+        rest = ""
     return [f"changed in flight: {', '.join(first)}{rest}; read with the values at take-off"]

@@ -54,9 +54,14 @@ def _frames_behind(log: Tlog) -> int | None:
         index = index[log.component[index] == AUTOPILOT_COMPONENT]
         if len(index):
             distances.append(_repeats(log, layout.id, index))
-    found = np.concatenate(distances) if distances else np.empty(0, np.int64)
+    if distances:
+        found = np.concatenate(distances)
+    else:
+        found = np.empty(0, np.int64)
     # Between others lie up to twice as many: messages come in bursts.
-    return 2 * int(np.quantile(found, _MOST)) + _FEW if len(found) > _FEW else None
+    if len(found) > _FEW:
+        return 2 * int(np.quantile(found, _MOST)) + _FEW
+    return None
 
 
 def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -81,7 +81,9 @@ def believable(rpm: Series) -> Series | None:
     kept = Series(rpm.t_s[good], np.abs(rpm.values[good]), rpm.source)
     lost = _lost_frames(kept) | _spikes(kept)
     kept = Series(kept.t_s[~lost], kept.values[~lost], rpm.source)
-    return kept if len(kept) else None
+    if len(kept):
+        return kept
+    return None
 
 
 def _spikes(rpm: Series) -> NDArray[np.bool_]:
@@ -109,7 +111,9 @@ def _lost_frames(rpm: Series) -> NDArray[np.bool_]:
     apart = rpm.t_s[turning[after]] - rpm.t_s[turning[after - 1]]
     lost[zeros] = apart <= LOST_S
     often = lost.sum() > LOST_SHARE * len(turning)
-    return lost if often else np.zeros(len(speed), bool)
+    if often:
+        return lost
+    return np.zeros(len(speed), bool)
 
 
 def _repeated(escs: Mapping[int, EscRecord]) -> dict[int, int]:
@@ -142,7 +146,9 @@ def _copies(escs: Mapping[int, EscRecord], old: int, new: int) -> bool:
 
 
 def _speeds(esc: EscRecord) -> Array:
-    return np.empty(0) if esc.rpm is None else esc.rpm.values[:, 0]
+    if esc.rpm is None:
+        return np.empty(0)
+    return esc.rpm.values[:, 0]
 
 
 def _sources(copies: Mapping[int, int]) -> str:

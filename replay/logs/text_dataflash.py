@@ -68,7 +68,10 @@ def binary_of_text(path: Path, data: bytes) -> tuple[bytes, list[str]]:
             if rest and name.isalnum() and name.isupper():
                 unknown[name] += 1
             continue
-        fields = rest.split(separator, len(kind.values) - 1) if kind.values else []
+        if kind.values:
+            fields = rest.split(separator, len(kind.values) - 1)
+        else:
+            fields = []
         try:
             out += kind.packed(fields)
         except (ValueError, TypeError, struct.error):
@@ -148,10 +151,14 @@ def _number(field: str) -> float:
 
 def _whole(field: str) -> int:
     # Beyond 2**53 a float would lose digits.
-    return int(field) if "." not in field and "," not in field else round(_number(field))
+    if "." not in field and "," not in field:
+        return int(field)
+    return round(_number(field))
 
 
 def _mode(field: str) -> int:
     """A flight mode is written by its number or by its name."""
     name = "".join(letter for letter in field.upper() if letter.isalnum())
-    return _MODES[name] if name in _MODES else _whole(field)
+    if name in _MODES:
+        return int(_MODES[name])
+    return _whole(field)

@@ -161,7 +161,16 @@ def read_tlog(path: Path) -> Tlog:
     report = Report(
         counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps
     )
-    return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
+    return Tlog(
+        path=path,
+        data=data,
+        start=magic,
+        arrival_us=arrival,
+        message_id=ids,
+        system=bytes_[source],
+        component=bytes_[source + 1],
+        report=report,
+    )
 
 
 def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, int]:

@@ -88,7 +88,10 @@ class _Boot:
         layout = LAYOUTS[_IDS[name]]
         index = self._log.indices(layout.id, None if foreign else self._choice.system)
         records = self._log.records(layout.id, index)
-        stamps = None if layout.stamp is None else records[layout.stamp_field]
+        if layout.stamp is None:
+            stamps = None
+        else:
+            stamps = records[layout.stamp_field]
         times = self._axis.times(layout, index, stamps)
         return Messages(
             name, times, {**columns(layout, records), "component": self._log.component[index]}
@@ -119,7 +122,11 @@ class _Boot:
         own, changes = in_force(self._parameters(), take_off(armed))
         self._notes += change_notes(changes)
         return FlightLog(
-            path=self._log.path, system=self._choice.system, boot=boot, start_s=start, end_s=end,
+            path=self._log.path,
+            system=self._choice.system,
+            boot=boot,
+            start_s=start,
+            end_s=end,
             vehicle_type=int(beats["type"][-1]) if len(beats) else None,
             autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
             attitude=attitude,
@@ -147,7 +154,7 @@ class _Boot:
             texts=self._texts(),
             sources=(self._clock(),),
             summary=LogSummary(len(self._log.data), len(self._log), tuple(self._notes)),
-        )  # fmt: skip
+        )
 
     def _clock(self) -> SourceChoice:
         """Which clock gives the times."""
@@ -177,8 +184,13 @@ class _Boot:
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""
         stamped = np.concatenate([self._autopilot(name).t_s for name in _STAMPED])
-        times = stamped if stamped.size else self._table("DISTANCE_SENSOR").t_s
-        return (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
+        if stamped.size:
+            times = stamped
+        else:
+            times = self._table("DISTANCE_SENSOR").t_s
+        if times.size:
+            return (float(times.min()), float(times.max()))
+        return (0.0, 0.0)
 
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler = self._autopilot("ATTITUDE")
@@ -194,9 +206,15 @@ class _Boot:
         out = []
         for name in ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
             table = self._autopilot(name)
-            sensors = np.unique(table["id"]) if "id" in table else np.zeros(1, int)
+            if "id" in table:
+                sensors = np.unique(table["id"])
+            else:
+                sensors = np.zeros(1, int)
             for sensor in sensors:
-                one = table.where(table["id"] == sensor) if "id" in table else table
+                if "id" in table:
+                    one = table.where(table["id"] == sensor)
+                else:
+                    one = table
                 number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, int(sensor))
                 record = self._imu(one, f"{name}:{sensor}" if sensor else name, vibration, number)
                 if record is not None:
@@ -217,10 +235,14 @@ class _Boot:
         gyros = table.series(gyro, source)
         counter = vibration.data.get(f"clipping_{number}")
         # The counter runs from boot; what counts is how far it went in this record.
-        counted = (
-            0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
-        )
-        step = None if table.name == "HIGHRES_IMU" else _WIRE_STEP
+        if counter is None:
+            counted = 0
+        else:
+            counted = int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
+        if table.name == "HIGHRES_IMU":
+            step = None
+        else:
+            step = _WIRE_STEP
         return imu_record(source, forces, gyros, counted, step, instance=number)
 
     def _beams(self) -> tuple[Beam, ...]:
@@ -249,13 +271,13 @@ class _Boot:
             order = np.unique(one.t_s, return_index=True)[1]
             low, high = (float(v) for v in np.median(one["limits"], axis=0))
             yield range_beam(
-                direction,
-                (int(component), int(sensor), int(orientation)),
-                Series(one.t_s[order], one["distance"][order], one.name),
-                (low, high),
-                one["signal_quality"][order],
-                _median(np.sqrt(one["variance"])),
-                _WIRE_STEP_M,
+                direction=direction,
+                sensor=(int(component), int(sensor), int(orientation)),
+                readings=Series(one.t_s[order], one["distance"][order], one.name),
+                limits=(low, high),
+                quality=one["signal_quality"][order],
+                sigma_m=_median(np.sqrt(one["variance"])),
+                step_m=_WIRE_STEP_M,
             )
 
     def _rings(self) -> Iterator[Ring]:
@@ -267,7 +289,13 @@ class _Boot:
             )
             offset = float(table["offset"][k, 0])
             ring = obstacle_distance(
-                head, table.name, distances, limits, steps, offset, int(table["frame"][k])
+                head=head,
+                _=table.name,
+                distances=distances,
+                limits=limits,
+                steps=steps,
+                offset=offset,
+                frame=int(table["frame"][k]),
             )
             if ring is not None and math.isfinite(ring.t_s):
                 yield ring
@@ -335,7 +363,9 @@ class _Boot:
             return out
         status = self._autopilot("SYS_STATUS")
         series = _battery(status, status["voltage"])
-        return {} if series is None else {"SYS_STATUS": series}
+        if series is None:
+            return {}
+        return {"SYS_STATUS": series}
 
     def _pressures(self) -> dict[str, Series]:
         out = {}
@@ -373,7 +403,9 @@ def _battery(table: Messages, voltage: Array) -> Series | None:
 
 def _median(values: Array) -> float:
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else math.nan
+    if known.size:
+        return float(np.median(known))
+    return math.nan
 
 
 def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
@@ -381,7 +413,9 @@ def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
     if not count.any() and not np.nan_to_num(rpm).any():
         return np.zeros(len(rpm), bool)
     moved = np.concatenate([[True], np.diff(count.astype(np.int64)) != 0])
-    return moved if moved.mean() > _LEAST_MOVING else np.ones(len(rpm), bool)
+    if moved.mean() > _LEAST_MOVING:
+        return moved
+    return np.ones(len(rpm), bool)
 
 
 def _joined(parts: list[Series]) -> Series | None:

@@ -39,7 +39,10 @@ class VehicleChoice:
         out = []
         if self.others:
             rest = ", ".join(map(str, self.others))
-            more = "; more than one of them flies" if self.flying else ""
+            if self.flying:
+                more = "; more than one of them flies"
+            else:
+                more = ""
             out.append(
                 f"system {self.system} chosen (flying, most data); also in the log: {rest}{more}; "
                 "--target-system N reads it"

@@ -59,11 +59,26 @@ _DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
 _ROUNDS, _SPARE = 16, 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
 _TOPICS = [
-    "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
-    "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
-    "vehicle_attitude_setpoint", "wind", "wind_estimate", "obstacle_distance", "obstacle_distance_fused",
-    "actuator_motors", "sensor_baro", "vehicle_acceleration",
-]  # fmt: skip
+    "vehicle_attitude",
+    "vehicle_angular_velocity",
+    "sensor_combined",
+    "vehicle_local_position",
+    "distance_sensor",
+    "esc_status",
+    "actuator_outputs",
+    "battery_status",
+    "vehicle_air_data",
+    "vehicle_status",
+    "vehicle_land_detected",
+    "vehicle_attitude_setpoint",
+    "wind",
+    "wind_estimate",
+    "obstacle_distance",
+    "obstacle_distance_fused",
+    "actuator_motors",
+    "sensor_baro",
+    "vehicle_acceleration",
+]
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
@@ -134,7 +149,9 @@ def _topic(name: str, data: dict[str, NDArray[Any]]) -> Messages:
 
 def _last(topic: Messages, field: str, missing: int) -> int:
     """The last value of a whole-number field; ``missing`` where there is none."""
-    return int(np.nan_to_num(topic.column(field)[-1], nan=missing)) if len(topic) else missing
+    if len(topic):
+        return int(np.nan_to_num(topic.column(field)[-1], nan=missing))
+    return missing
 
 
 _VTOL = 22
@@ -268,7 +285,9 @@ class _Reader:
         pulses = np.where(np.isfinite(output), 1000.0 + 1000.0 * output, 0.0)
         padded = np.zeros((len(topic), _OUTPUTS))
         padded[:, :_MOTOR_COUNT] = pulses
-        return topic.series(padded) if len(topic) else None
+        if len(topic):
+            return topic.series(padded)
+        return None
 
     def _position(self) -> tuple[Series | None, Series | None]:
         topic = self._first("vehicle_local_position")
@@ -287,9 +306,14 @@ class _Reader:
         if force is None:
             force = self._series("vehicle_acceleration", "xyz[0]", "xyz[1]", "xyz[2]")
             gyro = self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]")
-        source = "" if force is None else force.source
+        if force is None:
+            source = ""
+        else:
+            source = force.source
         record = imu_record(source, force, gyro, flagged)
-        return () if record is None else (record,)
+        if record is None:
+            return ()
+        return (record,)
 
     def _beams(self) -> tuple[Beam, ...]:
         out = []
@@ -309,7 +333,10 @@ class _Reader:
             # uORB says -1 for "not known" and 0 for "no signal"; on MAVLink these are 0 and 1.
             wire = np.nan_to_num(np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0)))
             variance = topic.columns("variance")[:, 0]
-            sigma = math.sqrt(float(np.median(variance))) if (variance > 0.0).all() else math.nan
+            if (variance > 0.0).all():
+                sigma = math.sqrt(float(np.median(variance)))
+            else:
+                sigma = math.nan
             distance = Series(series.t_s, series.values[:, :1], topic.name)
             out.append(
                 range_beam(direction, (1, number, orientation), distance, (low, high), wire, sigma)
@@ -337,13 +364,13 @@ class _Reader:
             start = math.radians(offset[k, 0])
             head = (float(topic.t_s[k]), 1, 1)
             ring = obstacle_distance(
-                head,
-                topic.name,
-                tuple(distances[k].tolist()),
-                (low, high),
-                (0.0, step),
-                start,
-                int(frame[k]),
+                head=head,
+                _=topic.name,
+                distances=tuple(distances[k].tolist()),
+                limits=(low, high),
+                steps=(0.0, step),
+                offset=start,
+                frame=int(frame[k]),
             )
             if ring is not None:
                 yield ring
@@ -387,7 +414,10 @@ class _Reader:
             if not np.nan_to_num(rpm).any():
                 continue
             function = _last(topic, f"esc[{i}].actuator_function", 0)
-            motor = function - _MOTOR_1 + 1 if function in _MOTORS else i + 1
+            if function in _MOTORS:
+                motor = function - _MOTOR_1 + 1
+            else:
+                motor = i + 1
             out[motor] = EscRecord(
                 topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature"))
             )
@@ -421,6 +451,9 @@ class _Reader:
         return out
 
     def _wind(self) -> Series | None:
-        topic = self._first("wind") if "wind" in self._topics else self._first("wind_estimate")
+        if "wind" in self._topics:
+            topic = self._first("wind")
+        else:
+            topic = self._first("wind_estimate")
         horizontal = topic.columns("windspeed_north", "windspeed_east")
         return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))

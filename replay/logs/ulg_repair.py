@@ -104,7 +104,9 @@ class _Walk:
         length = data[i] | data[i + 1] << 8
         fits = length > 0 and (length <= _LONGEST or data[i + 2] in _LONG)
         fits = fits and _FIXED.get(data[i + 2], length) == length
-        return i + _HEADER + length if fits else 0
+        if fits:
+            return i + _HEADER + length
+        return 0
 
     def _resume(self, i: int, end: int) -> int | None:
         """The next place from which messages follow one another, to the end where it is near."""
@@ -132,7 +134,8 @@ class _Walk:
             text = self._data[key : key + self._data[key - 1]]
             if b" " not in text:
                 return False
-            text = self._data[key:end] if text.startswith(b"char[") else text
+            if text.startswith(b"char["):
+                text = self._data[key:end]
         else:
             return True
         try:
@@ -145,7 +148,10 @@ class _Walk:
         """What a reader should know, in words."""
         damaged = sum(end - start for start, end in self.lost) - self._cut
         places = len(self.lost) - (self._cut > 0)
-        out = [f"{damaged} damaged bytes skipped in {places} places"] if damaged > 0 else []
+        if damaged > 0:
+            out = [f"{damaged} damaged bytes skipped in {places} places"]
+        else:
+            out = []
         return out + ([f"last message cut off ({self._cut} bytes)"] if self._cut else [])
 
 

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 def add_parser(commands: Any) -> None:
     """Register ``predict`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "predict", help="the error of a model on flights that it was not made from", epilog=EXIT_CODES,
+        "predict",
+        help="the error of a model on flights that it was not made from",
+        epilog=EXIT_CODES,
         description="Measured minus modelled wrench of flights that a model was not made from, with and without its "
         "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
-    )  # fmt: skip
+    )
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file of the model")
     p.add_argument(
@@ -31,9 +33,10 @@ def add_parser(commands: Any) -> None:
         help="model directory, as replay diagnose --save-model wrote",
     )
     p.add_argument(
-        "--frozen", action="store_true",
+        "--frozen",
+        action="store_true",
         help="fit nothing; without it, wind, load and accelerometer offset come from the first 20 s of each flight",
-    )  # fmt: skip
+    )
     add_answer_options(p)
     p.set_defaults(run=run)
 

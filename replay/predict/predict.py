@@ -112,11 +112,10 @@ class Prediction:
     def as_text(self) -> str:
         """A few lines for a person."""
         seconds = sum(f.seconds for f in self.flights)
-        how = (
-            "nothing is fitted"
-            if self.frozen
-            else f"wind and load are learned from the first {LEARNING_S:.0f} s"
-        )
+        if self.frozen:
+            how = "nothing is fitted"
+        else:
+            how = f"wind and load are learned from the first {LEARNING_S:.0f} s"
         lines = [
             f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})",
             *_lines(self.axes()),
@@ -140,7 +139,10 @@ def predict(
     Without ``frozen`` the first ``LEARNING_S`` of each flight say what belongs to its day, and the rest is judged.
     """
     logs = list(dict.fromkeys(paths))
-    notes = [] if len(logs) == len(paths) else ["a log that was given twice is judged once"]
+    if len(logs) == len(paths):
+        notes = []
+    else:
+        notes = ["a log that was given twice is judged once"]
     records, said = read_records(progress(logs), vehicle, model, target_system)
     bare, said_bare = read_records(logs, vehicle, model.with_effects(()), target_system)
     without = {r.name: r for r in bare}

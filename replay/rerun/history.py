@@ -16,8 +16,18 @@ _PERIOD_S = 0.1
 _MOST_ROWS = 36_000
 """An hour. In a longer flight every second row is dropped, and the period is doubled: memory stays at some 20 MB."""
 _NAMES = (
-    "t_s", "thrust", "roll_deg", "pitch_deg", "h_m", "d_m", "trust", "lift_n", "side_n", "authority", "compensating",
-)  # fmt: skip
+    "t_s",
+    "thrust",
+    "roll_deg",
+    "pitch_deg",
+    "h_m",
+    "d_m",
+    "trust",
+    "lift_n",
+    "side_n",
+    "authority",
+    "compensating",
+)
 
 
 class History:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -64,7 +65,10 @@ def _rows(series: Series | None) -> Iterator[tuple[float, list[float]]]:
 def _imu(imu: ImuRecord, head: Head) -> Iterator[Sample]:
     """The first accelerometer; its gyro is taken where it was sampled with it."""
     force = imu.specific_force
-    gyro = imu.gyro.at(force.t_s) if len(imu.gyro) else np.full((len(force), 3), np.nan)
+    if len(imu.gyro):
+        gyro = imu.gyro.at(force.t_s)
+    else:
+        gyro = np.full((len(force), 3), np.nan)
     for (t, (x, y, z)), (p, q, r) in zip(_rows(force), gyro.tolist(), strict=True):
         yield Imu(t, *head, (x, y, z), (p, q, r), imu.source)
 
@@ -92,7 +96,7 @@ def _attitudes(log: FlightLog, head: Head) -> Iterator[Sample]:
     if log.rates is not None:
         rates = np.nan_to_num(log.rates.at(log.attitude.t_s))
     for (t, q), (p, r, y) in zip(_rows(log.attitude), rates.tolist(), strict=True):
-        if q[0] == q[0]:
+        if not math.isnan(q[0]):
             yield Attitude(t, *head, (q[0], q[1], q[2], q[3]), (p, r, y), log.attitude.source)
 
 
@@ -101,17 +105,31 @@ def _positions(log: FlightLog, head: Head) -> Iterator[Sample]:
         return
     velocity = log.velocity.at(log.position.t_s, _SAME_MESSAGE_S).tolist()
     for (t, (x, y, z)), (vx, vy, vz) in zip(_rows(log.position), velocity, strict=True):
-        if x + y + z + vx + vy + vz == x + y + z + vx + vy + vz:  # no NaN among them
+        if not math.isnan(x + y + z + vx + vy + vz):  # no NaN among them
             yield LocalPosition(t, *head, (x, y, z), (vx, vy, vz))
 
 
 def _ranges(beam: Beam, head: Head) -> Iterator[Sample]:
-    sigma = beam.sigma_m if beam.sigma_m == beam.sigma_m else None
+    if not math.isnan(beam.sigma_m):
+        sigma = beam.sigma_m
+    else:
+        sigma = None
     for (t, (distance,)), verdict in zip(_rows(beam.distance), beam.verdicts, strict=True):
         yield Range(
-            t, head[0], beam.component, beam.direction_frd, beam.orientation, beam.sensor_id, distance,
-            beam.min_m, beam.max_m, sigma, None, verdict, beam.source,
-        )  # fmt: skip
+            t,
+            head[0],
+            beam.component,
+            beam.direction_frd,
+            beam.orientation,
+            beam.sensor_id,
+            distance,
+            beam.min_m,
+            beam.max_m,
+            sigma,
+            None,
+            verdict,
+            beam.source,
+        )
 
 
 def _speeds(number: int, series: Series | None, head: Head) -> Iterator[Sample]:

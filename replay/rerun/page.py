@@ -33,10 +33,15 @@ _PLOTS: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...] = (
     ),
 )
 _ROWS = {
-    "thrust": "thrust offset [share of full]", "roll_deg": "roll offset [deg]", "pitch_deg": "pitch offset [deg]",
-    "h_m": "height [m]", "d_m": "to the wall [m]", "trust": "trust in the model", "lift_n": "lift of the air [N]",
+    "thrust": "thrust offset [share of full]",
+    "roll_deg": "roll offset [deg]",
+    "pitch_deg": "pitch offset [deg]",
+    "h_m": "height [m]",
+    "d_m": "to the wall [m]",
+    "trust": "trust in the model",
+    "lift_n": "lift of the air [N]",
     "side_n": "side force of the air [N]",
-}  # fmt: skip
+}
 
 
 def page(report: RunReport, history: History) -> str:
@@ -106,12 +111,16 @@ def to_mend(refusals: Iterable[tuple[Reason, float]]) -> str:
         if reason not in _ORDINARY and seconds > 0.0
     ]
     seconds, reason = max(own, default=(0.0, ""))
-    return f"{reason}, {lasted(seconds)}" if reason else ""
+    if reason:
+        return f"{reason}, {lasted(seconds)}"
+    return ""
 
 
 def lasted(seconds: float) -> str:
     """A length of time in words."""
-    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} minutes"
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} minutes"
 
 
 def _plots(history: History) -> str:
@@ -123,7 +132,10 @@ def _plots(history: History) -> str:
         Band(t_s[i], t_s[j], "fit", "compensating")
         for i, j in zip(edges[::2], edges[1::2], strict=True)
     ]
-    out = f'<p class="keys">{keys((), bands)}</p>' if bands else ""
+    if bands:
+        out = f'<p class="keys">{keys((), bands)}</p>'
+    else:
+        out = ""
     out += '<div class="plots">'
     for title, curves in _PLOTS:
         lines = [Line(t_s, history.column(name), kind, label) for name, label, kind in curves]

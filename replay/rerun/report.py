@@ -157,4 +157,6 @@ def _missing(path: Path, replay: Replay) -> list[str]:
         kind = "ServoOutput"
         rotors = f"{called(path, 'outputs')} (this vehicle's rotors are named by servo)"
     out += [] if replay.samples[kind] else [rotors]
-    return [f"not in the log: {', '.join(out)}"] if out else []
+    if out:
+        return [f"not in the log: {', '.join(out)}"]
+    return []

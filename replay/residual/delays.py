@@ -45,7 +45,9 @@ class Delay:
     @property
     def correction_s(self) -> float:
         """By how much later the signal is read than it is stamped."""
-        return self.seconds if self.corrected else 0.0
+        if self.corrected:
+            return self.seconds
+        return 0.0
 
 
 def _overlap(a: Array, b: Array, k: int) -> float:
@@ -66,7 +68,10 @@ def rotor_delay(ctx: Context, grid: Grid) -> Delay:
         correlation > SEEN_ROTORS
         and best > -(SPEED_LEAD_S if ctx.vehicle.telemetered else OUTPUT_LEAD_S)
     )
-    signal = "rotor speed" if ctx.vehicle.telemetered else "servo outputs"
+    if ctx.vehicle.telemetered:
+        signal = "rotor speed"
+    else:
+        signal = "servo outputs"
     return Delay(signal, best, correlation, corrected)
 
 
@@ -124,4 +129,6 @@ def _between(scores: Array, i: int) -> float:
         return 0.0
     left, mid, right = scores[i - 1 : i + 2]
     bend = left - 2 * mid + right
-    return float(0.5 * (left - right) / bend) if bend < 0 else 0.0
+    if bend < 0:
+        return float(0.5 * (left - right) / bend)
+    return 0.0

@@ -40,7 +40,10 @@ def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
 
     ``doubted`` (samples,): readings of the beam that are not used.
     """
-    used = np.ones(len(beam.verdicts), bool) if doubted is None else ~doubted
+    if doubted is None:
+        used = np.ones(len(beam.verdicts), bool)
+    else:
+        used = ~doubted
     near, far = (used & beam.judged(verdict) for verdict in _MEASURED)
     return _reading(beam.distance.t_s, beam.distance.values[:, 0], near, far, t)
 
@@ -48,7 +51,10 @@ def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
 def _reading(times: Array, distance: Array, near: Mask, far: Mask, t: Array) -> Array:
     """What samples (m,) at ``times`` say at ``t`` (n,): the distance where ``near``, inf where ``far``."""
     good = Series(times[near], distance[near, None])
-    out = good.at(t, MAX_GAP_S)[:, 0] if len(good) > 1 else np.full(len(t), np.nan)
+    if len(good) > 1:
+        out = good.at(t, MAX_GAP_S)[:, 0]
+    else:
+        out = np.full(len(t), np.nan)
     known = near | far
     if known.any():
         usable = times[known]
@@ -94,8 +100,13 @@ def _carried(plane: PlaneDistance, t: Array, position: Array) -> PlaneDistance:
 
 def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
     wanted = orientation_direction(orientation)
-    name = "other" if wanted is None else direction_name(wanted)
-    return None if name == "other" else log.beam(name)
+    if wanted is None:
+        name = "other"
+    else:
+        name = direction_name(wanted)
+    if name == "other":
+        return None
+    return log.beam(name)
 
 
 def ground_height(
@@ -103,30 +114,41 @@ def ground_height(
 ) -> Array | None:
     """Height of the CG over the ground (n,), or None without a ground rangefinder."""
     seen = _planes(log, vehicle, "ground", t, rotation, position, late_s)
-    return nearest_level([plane.distance_m for plane in seen]) if seen else None
+    if seen:
+        return nearest_level([plane.distance_m for plane in seen])
+    return None
 
 
 def _planes(
-    log: FlightLog, vehicle: Vehicle, target: str, t: Array, rotation: Array, position: Array, late_s: float,
+    log: FlightLog,
+    vehicle: Vehicle,
+    target: str,
+    t: Array,
+    rotation: Array,
+    position: Array,
+    late_s: float,
     floor: Array | float = np.inf,
-) -> list[PlaneDistance]:  # fmt: skip
+) -> list[PlaneDistance]:
     """What every watched beam of ``target`` that the log holds saw of it."""
     out = []
     near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
     for sensor in vehicle.watched:
-        beam = _beam_of(log, sensor.orientation) if sensor.target == target else None
+        if sensor.target == target:
+            beam = _beam_of(log, sensor.orientation)
+        else:
+            beam = None
         if beam is None or not beam.judged(*_MEASURED).any():
             continue
         doubted = _doubted(beam, target, near_m, t + late_s, rotation, position)
         slant = beam_reading(beam, t + late_s, doubted)
         plane = plane_distance(
-            target,
-            beam.direction_frd,
-            sensor.position_m,
-            slant,
-            rotation,
-            floor,
-            vehicle.rotor_radius_m,
+            target=target,
+            direction_frd=beam.direction_frd,
+            position_m=sensor.position_m,
+            range_m=slant,
+            rotation=rotation,
+            height_cg_m=floor,
+            rotor_radius_m=vehicle.rotor_radius_m,
         )
         out.append(_carried(plane, t, position))
     return out
@@ -151,7 +173,7 @@ def _ring_planes(
         )
         north, east, down = position[row].tolist()
         for k, plane in enumerate(placed(view, before)):
-            if plane.slant_m == plane.slant_m and math.isfinite(north + east + down):
+            if not math.isnan(plane.slant_m) and math.isfinite(north + east + down):
                 here = Sighting(plane.slant_m, (north, east, down), plane.normal_ned)
                 reads[k] = doubt(
                     here, reads[k] if plane.same_wall(before[k]) else UNREAD, near_m, "wall"
@@ -199,18 +221,26 @@ def distances(
             ranges[:, i] = beam_reading(beam, t + late_s)
     height = ground_height(log, vehicle, t, rotation, position, late_s)
     ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
-    floor = far[:, 0] if height is None else height
+    if height is None:
+        floor = far[:, 0]
+    else:
+        floor = height
     seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, floor)
     rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
     seen += [_carried(plane, t, position) for plane in rings]
     out = {
         "h_m": far if height is None else fan_heights(vehicle, height, rotation),
-        "ceiling_m": fan_ceilings(vehicle, nearest_level([c.distance_m for c in ceilings]), rotation)
+        "ceiling_m": fan_ceilings(
+            vehicle, nearest_level([c.distance_m for c in ceilings]), rotation
+        )
         if ceilings
         else far,
-        "d_m": far, "wall_bearing_rad": np.zeros(n), "second_d_m": far, "second_bearing_rad": np.zeros(n),
+        "d_m": far,
+        "wall_bearing_rad": np.zeros(n),
+        "second_d_m": far,
+        "second_bearing_rad": np.zeros(n),
         "ranges_m": ranges,
-    }  # fmt: skip
+    }
     if seen:
         distance = np.stack([w.distance_m for w in seen])
         normal = np.stack([w.normal_ned for w in seen])

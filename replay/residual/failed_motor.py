@@ -126,7 +126,10 @@ def failed_motor(ctx: Context, motion: Trajectory, flying: Mask) -> Failure | No
     noise = _noise(signals)
     if noise is None:
         return None
-    gain_sd = GAIN_SD_ASSUMED if "position_m" in ctx.vehicle.assumed else GAIN_SD
+    if "position_m" in ctx.vehicle.assumed:
+        gain_sd = GAIN_SD_ASSUMED
+    else:
+        gain_sd = GAIN_SD
     prior = -0.5 * (np.log(_GAINS) / gain_sd) ** 2
     prior -= np.log(np.exp(prior).sum())
     return _failure(signals, noise, prior)
@@ -143,7 +146,10 @@ def evidence_until(ctx: Context, motion: Trajectory, flying: Mask) -> float:
     aloft = np.cumsum(signals.flying) * signals.step_s > BEFORE_S
     hit = np.flatnonzero(signals.struck & aloft)
     over = np.flatnonzero(signals.over & aloft)
-    ends = [signals.time_s[hit[0]]] if hit.size else []
+    if hit.size:
+        ends = [signals.time_s[hit[0]]]
+    else:
+        ends = []
     ends += [signals.time_s[over[0]] + TUMBLING_S] if over.size else []
     return float(min(ends, default=np.inf))
 
@@ -167,7 +173,10 @@ def evidence_of(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
     above = lift * GRAVITY - ctx.thrust.sum(axis=1) / ctx.vehicle.mass_kg
     upward = np.maximum(np.maximum(above, motion.force[:, 2]), 0.0)
     size = np.hypot(upward, np.linalg.norm(motion.force[:, :2], axis=1))
-    usual = float(np.nanmedian(size[flying])) if flying.any() else np.inf
+    if flying.any():
+        usual = float(np.nanmedian(size[flying]))
+    else:
+        usual = np.inf
     hit = size > max(IMPACT_G * GRAVITY, IMPACT_SIGMA * usual)
     with np.errstate(invalid="ignore"):
         over = motion.rotation[:, 2, 2] < UPSIDE_DOWN
@@ -475,7 +484,9 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     if not odds >= SURE or not 1 <= len(close) <= 2:
         return None
     at = int(lost[:, first].argmax())
-    stands = _stands(signals, noise, prior, start, rows[at], end, first)
+    stands = _stands(
+        signals=signals, noise=noise, prior=prior, start=start, begin=rows[at], end=end, k=first
+    )
     if stands is None:
         return None
     return Failure(

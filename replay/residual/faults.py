@@ -62,7 +62,10 @@ def doubted(
         blind |= usable & {2}
         usable -= LIFT_AND_MOMENTS
     faults += [*rotors, *stopped]
-    lift = vehicle_faults.wrong_lift(ctx, flying) if not rotors and 2 in usable else []
+    if not rotors and 2 in usable:
+        lift = vehicle_faults.wrong_lift(ctx, flying)
+    else:
+        lift = []
     doubt(lift, LIFT_AND_MOMENTS)
     faults.sort(key=lambda fault: fault not in lift)  # the vehicle file comes first
     doubt(rotor_faults.copies(log, ctx, motion, flying), MOMENTS)

@@ -193,7 +193,9 @@ def _groups(seen: _Seen, runs: list[Array]) -> list[list[Array]]:
     long = [run for run in runs if _seconds(seen, run) >= LONG_S]
     short = [run for run in runs if _seconds(seen, run) < LONG_S]
     groups = [[run] for run in long]
-    return [*groups, short] if short else groups
+    if short:
+        return [*groups, short]
+    return groups
 
 
 def _windows(seen: _Seen, run: Array) -> list[Array]:
@@ -210,7 +212,10 @@ def _answer(seen: _Seen, rows: Array) -> _Answer:
     """What the samples ``rows`` (k,) show."""
     tilt = seen.tilt[rows]
     known = np.isfinite(tilt).all(axis=1)
-    spread = float(np.hypot(*tilt[known].std(axis=0))) if known.any() else np.inf
+    if known.any():
+        spread = float(np.hypot(*tilt[known].std(axis=0)))
+    else:
+        spread = np.inf
     asked, felt = _felt_share(seen, rows[seen.settled[rows]])
     return _Answer(spread, asked, felt, _usual(seen.speed[rows]), _usual(seen.risen[rows]))
 
@@ -218,7 +223,9 @@ def _answer(seen: _Seen, rows: Array) -> _Answer:
 def _usual(values: Array) -> float:
     """Mean of what is known; 0 where nothing is."""
     known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else 0.0
+    if known.size:
+        return float(known.mean())
+    return 0.0
 
 
 def _felt_share(seen: _Seen, rows: Array) -> tuple[float, float]:
@@ -238,7 +245,9 @@ def _felt_share(seen: _Seen, rows: Array) -> tuple[float, float]:
 
 
 def _step(seen: _Seen) -> float:
-    return float(seen.t[1] - seen.t[0]) if len(seen.t) > 1 else SAMPLE_S
+    if len(seen.t) > 1:
+        return float(seen.t[1] - seen.t[0])
+    return SAMPLE_S
 
 
 def _seconds(seen: _Seen, rows: Array) -> float:

@@ -20,8 +20,13 @@ from replay.residual.motion import Trajectory, sampled
 DISTANCES = ("ranges_m", "h_m", "d_m", "second_d_m", "ceiling_m")
 """Columns of ``AirState`` that are infinite where nothing is seen."""
 _ALONE = (
-    "thrust_command", "battery_voltage_v", "battery_current_a", "esc_temperature_c", "pressure_pa", "air_temperature_c",
-)  # fmt: skip
+    "thrust_command",
+    "battery_voltage_v",
+    "battery_current_a",
+    "esc_temperature_c",
+    "pressure_pa",
+    "air_temperature_c",
+)
 """Columns that are channels by the same name."""
 
 
@@ -29,7 +34,10 @@ def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> 
     """``rpm`` (n, rotors) and ``servo_us`` (n, 16) of ``AirState``, taken ``late_s`` later than stamped."""
     rpm = np.full((len(t), len(vehicle.rotors)), np.nan)
     for k, rotor in enumerate(vehicle.rotors):
-        esc = log.escs.get(rotor.esc) if rotor.esc is not None else None
+        if rotor.esc is not None:
+            esc = log.escs.get(rotor.esc)
+        else:
+            esc = None
         if esc is not None and esc.rpm is not None:
             rpm[:, k] = esc.rpm.at(t + late_s, MAX_GAP_S)[:, 0]
     servo = np.full((len(t), 16), np.nan)

@@ -78,16 +78,20 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
         )
     # A quarter of the rate is carried by linear interpolation; rotor speeds are no better known than they are sent.
     grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0, rotor_rate_hz(log, vehicle) / 4.0))
-    gyro = imu.gyro if len(imu.gyro) and np.isfinite(imu.gyro.values).any() else log.rates
+    gyro: Series | None
+    if len(imu.gyro) and np.isfinite(imu.gyro.values).any():
+        gyro = imu.gyro
+    else:
+        gyro = log.rates
     return Trajectory(
-        grid,
-        imu.specific_force.at(grid.t, MAX_GAP_S),
-        sampled(gyro, 3, grid.t, MAX_GAP_S),
-        0.0 if gyro is None else gyro.rate_hz,
-        rotation_from_quaternion(_unit(log.attitude.at(grid.t, MAX_GAP_S))),
-        sampled(log.position, 3, grid.t, POSITION_GAP_S),
-        sampled(log.velocity, 3, grid.t, POSITION_GAP_S),
-        log.attitude.rate_hz,
+        grid=grid,
+        force=imu.specific_force.at(grid.t, MAX_GAP_S),
+        gyro=sampled(gyro, 3, grid.t, MAX_GAP_S),
+        gyro_hz=0.0 if gyro is None else gyro.rate_hz,
+        rotation=rotation_from_quaternion(_unit(log.attitude.at(grid.t, MAX_GAP_S))),
+        position=sampled(log.position, 3, grid.t, POSITION_GAP_S),
+        velocity=sampled(log.velocity, 3, grid.t, POSITION_GAP_S),
+        attitude_hz=log.attitude.rate_hz,
     )
 
 
@@ -97,7 +101,9 @@ def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
         numbers = {rotor.esc for rotor in vehicle.rotors}
         speeds = [esc.rpm for number, esc in log.escs.items() if number in numbers]
         return min((carried_hz(series) for series in speeds if series is not None), default=np.inf)
-    return carried_hz(log.servo) if log.servo is not None else np.inf
+    if log.servo is not None:
+        return carried_hz(log.servo)
+    return np.inf
 
 
 def carried_hz(series: Series) -> float:
@@ -129,7 +135,9 @@ def judged_axes(motion: Trajectory, vehicle: Vehicle) -> tuple[list[int], list[s
 
 def sampled(series: Series | None, width: int, t: Array, gap_s: float) -> Array:
     """A series of ``width`` columns at the times ``t``, (n, width); NaN where it is absent or ``gap_s`` away."""
-    return np.full((len(t), width), np.nan) if series is None else series.at(t, gap_s)
+    if series is None:
+        return np.full((len(t), width), np.nan)
+    return series.at(t, gap_s)
 
 
 def _unit(q: Array) -> Array:

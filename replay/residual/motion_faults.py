@@ -83,7 +83,9 @@ def accelerometer_faults(motion: Trajectory, flying: Mask) -> list[tuple[int, Lo
 def _agree(measured: Array, kinematic: Array, least: float) -> bool | None:
     """Whether two accelerations (n,) belong together; None where neither exceeds ``least`` [m/s^2]."""
     size = max(_usual(measured), _usual(kinematic))
-    return None if size <= least else _usual(measured - kinematic) <= FORCE_DISAGREE * size
+    if size <= least:
+        return None
+    return _usual(measured - kinematic) <= FORCE_DISAGREE * size
 
 
 def _usual(x: Array) -> float:
@@ -122,4 +124,6 @@ def first_upside_down(motion: Trajectory) -> int | None:
     if over.sum() < OVER_S * motion.grid.rate:
         return None
     first = int(np.argmax(over))
-    return first if over[first:].mean() > OVER_SHARE or first > END_SHARE * len(over) else None
+    if over[first:].mean() > OVER_SHARE or first > END_SHARE * len(over):
+        return first
+    return None

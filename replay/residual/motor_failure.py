@@ -60,7 +60,9 @@ def motor_faults(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask)
     if lost is not None:
         return [_lost_speed(_At(ctx, motion, lost.since_s), lost)]
     failure = failed_motor(ctx, motion, flying)
-    return [] if failure is None else [_no_thrust(_At(ctx, motion, failure.since_s), failure)]
+    if failure is None:
+        return []
+    return [_no_thrust(_At(ctx, motion, failure.since_s), failure)]
 
 
 def _reassigned(log: FlightLog, ctx: Context, flying: Mask) -> list[LogFault]:
@@ -148,13 +150,19 @@ def _answered(at: _At, output: int) -> bool:
 
 def _no_thrust(at: _At, failure: Failure) -> LogFault:
     vehicle = at.ctx.vehicle
-    loses = "no thrust" if failure.share >= ALL_LOST else f"about {failure.share:.0%} less thrust"
+    if failure.share >= ALL_LOST:
+        loses = "no thrust"
+    else:
+        loses = f"about {failure.share:.0%} less thrust"
     outputs = [_output(vehicle, fan) for fan in failure.fans]
     named = [
         f"{fan + 1}{_where(vehicle, fan, output)}"
         for fan, output in zip(failure.fans, outputs, strict=True)
     ]
-    who = f"motor {named[0]}" if len(named) == 1 else f"one of motors {' and '.join(named)}"
+    if len(named) == 1:
+        who = f"motor {named[0]}"
+    else:
+        who = f"one of motors {' and '.join(named)}"
     what = f"{who} gives {loses} from {at.since_s:.1f} s on{_signs(at, failure.fans[0])}"
     spread = 1.96 * failure.share_sd
     loss = MotorLoss(
@@ -190,7 +198,9 @@ def _signs(at: _At, fan: int) -> str:
             said.append(f"the vehicle rolls {'right' if p > 0.0 else 'left'}")
         elif abs(q) > TURNS_RAD_S:
             said.append(f"the vehicle pitches {'up' if q > 0.0 else 'down'}")
-    return ": " + " while ".join(said) if said else ""
+    if said:
+        return ": " + " while ".join(said)
+    return ""
 
 
 def _output(vehicle: Vehicle, fan: int) -> int:

@@ -19,6 +19,9 @@ def motors_reassigned(log: FlightLog, t_s: Array) -> Mask:
         parameters[change.name] = change.after
         if declared_motors(parameters) != at_take_off:
             later = log.parameter_changes[k + 1 :]
-            until = later[0].t_s if later else np.inf
+            if later:
+                until = later[0].t_s
+            else:
+                until = np.inf
             out |= (t_s >= change.t_s) & (t_s < until)
     return out

@@ -148,7 +148,10 @@ def build_record(
     if record.seconds < SHORTEST_S and air.never:
         raise LogError(f"{log.path}: {DID_NOT_FLY}")
     if record.seconds < SHORTEST_S:
-        slow = None if air.flying.any() else too_slow_to_fly(log, context, motion)
+        if air.flying.any():
+            slow = None
+        else:
+            slow = too_slow_to_fly(log, context, motion)
         raise too_short(record) if slow is None else LogError(f"{log.path}: {slow}")
     return record
 
@@ -165,7 +168,10 @@ def _on_one_clock(
     state = raw_state(log, vehicle, motion)
     rotors = rotor_delay(Context(state, vehicle, model), motion.grid)
     ranges = range_delay_of(log, vehicle, t, rotation, motion.velocity, motion.position)
-    range_late_s = 0.0 if ranges is None else ranges.correction_s
+    if ranges is None:
+        range_late_s = 0.0
+    else:
+        range_late_s = ranges.correction_s
     state = replace(
         state,
         **rotor_columns(log, vehicle, t, rotors.correction_s),
@@ -181,13 +187,18 @@ def _modelled(context: Context, effects: tuple[AdoptedEffect, ...]) -> Array:
         np.isfinite(state.servo_us), state.servo_us, neutral_servos(context.vehicle)
     )
     out = modelled_wrench(context.vehicle, context.model, replace(state, servo_us=straight))
-    return out + adopted_wrench(effects, context) if effects else out
+    if effects:
+        return out + adopted_wrench(effects, context)
+    return out
 
 
 def too_short(record: Record) -> LogError:
     """What to say of a flight that does not last."""
     lost = max(record.excluded, key=lambda e: e.seconds, default=None)
-    why = f" (most time lost to: {lost.reason})" if lost else ""
+    if lost:
+        why = f" (most time lost to: {lost.reason})"
+    else:
+        why = ""
     # Rounded down: 7.8 s are not the 8 s that are needed.
     seconds = math.floor(10.0 * record.seconds) / 10.0
     short = f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s are needed"

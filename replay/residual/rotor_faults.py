@@ -83,8 +83,13 @@ def impossible_speeds(
     if flying.sum() < FEWEST_SAMPLES:
         return []
     rpm = _median_rpm(log, motion.grid.t[flying])
-    what = None if rpm is None else misread(rpm, _hover(log, ctx.vehicle), log.parameters)
-    return [] if what is None else [LogFault(f"rpm_{min(log.escs)}", what)]
+    if rpm is None:
+        what = None
+    else:
+        what = misread(rpm, _hover(log, ctx.vehicle), log.parameters)
+    if what is None:
+        return []
+    return [LogFault(f"rpm_{min(log.escs)}", what)]
 
 
 def too_slow_to_fly(log: FlightLog, ctx: Context, motion: Trajectory) -> str | None:
@@ -102,14 +107,22 @@ def _median_rpm(log: FlightLog, t: Array) -> float | None:
     series = [esc.rpm for esc in log.escs.values() if esc.rpm is not None]
     speeds = [rpm.at(t, MAX_GAP_S)[:, 0] for rpm in series]
     turning = [float(np.median(rpm[rpm > 0.0])) for rpm in speeds if (rpm > 0.0).any()]
-    return float(np.median(turning)) if turning else None
+    if turning:
+        return float(np.median(turning))
+    return None
 
 
 def _hover(log: FlightLog, vehicle: Vehicle) -> Hover:
     """What is known without doubt: rotors and battery."""
-    voltage = np.empty(0) if log.battery is None else log.battery.values[:, 0]
+    if log.battery is None:
+        voltage = np.empty(0)
+    else:
+        voltage = log.battery.values[:, 0]
     known = voltage[np.isfinite(voltage)]
-    volts = float(np.median(known)) if known.size else np.nan
+    if known.size:
+        volts = float(np.median(known))
+    else:
+        volts = np.nan
     return Hover(rotors=len(vehicle.rotors), places=len(vehicle.fans), voltage_v=volts)
 
 
@@ -201,7 +214,10 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
     """Rotors that turn and that the vehicle file does not know."""
     if not ctx.vehicle.telemetered:
         return []
-    usual = float(np.nanmedian(ctx.state.rpm)) if np.isfinite(ctx.state.rpm).any() else np.inf
+    if np.isfinite(ctx.state.rpm).any():
+        usual = float(np.nanmedian(ctx.state.rpm))
+    else:
+        usual = np.inf
     known = {rotor.esc for rotor in ctx.vehicle.rotors}
     return [
         LogFault(f"rpm_{number}", "turns in flight, and the vehicle file knows no such rotor")
@@ -269,10 +285,14 @@ def _output_of(ctx: Context, k: int, flying: Mask) -> str:
         return ""
     known = ctx.state.servo_us[flying, esc - 1]
     known = known[np.isfinite(known)]
-    return f" while output {esc} is at {float(np.median(known)):.0f} us" if known.size else ""
+    if known.size:
+        return f" while output {esc} is at {float(np.median(known)):.0f} us"
+    return ""
 
 
 def _channel(vehicle: Vehicle, k: int) -> str:
     """Of rotor ``k`` of the vehicle file: its speed, or its output."""
     rotor = vehicle.rotors[k]
-    return f"rpm_{rotor.esc}" if rotor.servo is None else f"servo_{rotor.servo}"
+    if rotor.servo is None:
+        return f"rpm_{rotor.esc}"
+    return f"servo_{rotor.servo}"

@@ -39,11 +39,16 @@ def standing(ctx: Context, motion: Trajectory, rotor_hz: float) -> Mask:
     height = ctx.state.h_m.mean(axis=1)
     with np.errstate(invalid="ignore"):
         off = (lift < ROTORS_OFF_SHARE * ctx.weight) & (ctx.state.rotation[:, 2, 2] > UPRIGHT)
-    held = _unanswered(ctx, motion, lift) if rotor_hz >= FASTEST_HZ else np.zeros(len(lift), bool)
+    if rotor_hz >= FASTEST_HZ:
+        held = _unanswered(ctx, motion, lift)
+    else:
+        held = np.zeros(len(lift), bool)
     resting = off | held
     at_rest = height[resting & np.isfinite(height)]
     if len(at_rest) < REST_S * grid.rate:
-        return held if held.sum() >= REST_S * grid.rate else np.zeros(len(held), bool)
+        if held.sum() >= REST_S * grid.rate:
+            return held
+        return np.zeros(len(held), bool)
     level = float(np.median(at_rest))
     noise = 1.4826 * float(np.median(np.abs(at_rest - level)))
     margin = NEAR_RADII * ctx.vehicle.rotor_radius_m + NEAR_SIGMA * noise

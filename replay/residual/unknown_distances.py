@@ -97,7 +97,10 @@ def _height_by_estimator(log: FlightLog, state: AirState, height: Array) -> Arra
     places = np.where(np.isfinite(height), down + height, np.nan)
     if not np.isfinite(places).any():
         stood = _standing_by_log(log, state.time_s) & np.isfinite(down)
-        ground = float(np.median(down[stood])) if stood.any() else np.nan
+        if stood.any():
+            ground = float(np.median(down[stood]))
+        else:
+            ground = np.nan
         return np.asarray(ground - down)
     before = _last_known(places)
     after = _last_known(places[::-1])[::-1]
@@ -127,8 +130,13 @@ def _top_m(
     facing = {sensor.orientation for sensor in vehicle.rangefinders_for(surface.target)}
     stated = [b.max_m for b in log.beams if b.orientation in facing and np.isfinite(b.max_m)]
     finite = distance[np.isfinite(distance)]
-    reach = max(stated) if stated else float(finite.max(initial=0.0))
-    return min(far_m, TOP_SHARE * reach) if reach > 0.0 else far_m
+    if stated:
+        reach = max(stated)
+    else:
+        reach = float(finite.max(initial=0.0))
+    if reach > 0.0:
+        return min(far_m, TOP_SHARE * reach)
+    return far_m
 
 
 def _silent_at_the_top(distance: Array, top: float) -> Mask:

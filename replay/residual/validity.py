@@ -72,7 +72,11 @@ class JudgedTime:
         if around_s > 0.0 and bad.any():
             bad = np.convolve(bad, np.ones(2 * int(around_s * rate) + 1), "same") > 0.5
         seconds = float((self.valid & bad).sum() / rate)
-        new = (Excluded(reason, seconds),) if seconds >= SHORTEST_GAP_S else ()
+        new: tuple[Excluded, ...]
+        if seconds >= SHORTEST_GAP_S:
+            new = (Excluded(reason, seconds),)
+        else:
+            new = ()
         return replace(self, valid=self.valid & ~bad, excluded=self.excluded + new)
 
 
@@ -143,11 +147,9 @@ def _needed_lift(ctx: Context, lift: Array) -> float:
         return ctx.weight
     most = float(np.nanquantile(lift, 0.9))
     rose = float(np.nanmax(height) - np.nanmin(height)) > ROSE_M
-    return (
-        most
-        if rose and ROTORS_OFF_SHARE * ctx.weight < most < AIRBORNE_SHARE * ctx.weight
-        else ctx.weight
-    )
+    if rose and ROTORS_OFF_SHARE * ctx.weight < most < AIRBORNE_SHARE * ctx.weight:
+        return most
+    return ctx.weight
 
 
 def _jumps(ctx: Context, grid: Grid) -> Mask:
@@ -161,7 +163,10 @@ def _jumps(ctx: Context, grid: Grid) -> Mask:
 def _without_clipped(time: JudgedTime, force: Array, axis: int, rate: float) -> JudgedTime:
     """Leave out samples at the accelerometer's limit, or the axis where there are so many that its mean is wrong."""
     size = np.abs(force)
-    top = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
+    if np.isfinite(size).any():
+        top = float(np.nanmax(size))
+    else:
+        top = 0.0
     clipped = size >= top * (1.0 - 1e-6)
     if clipped.sum() < max(CLIPPED_SAMPLES, CLIPPED_SHARE * len(size)) or top <= CLIPPED_M_S2:
         return time

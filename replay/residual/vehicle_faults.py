@@ -34,8 +34,10 @@ FITS, FITS_LESS = 0.4, 0.5
 SAME_PLACE = 0.3
 """Distance over lever within which a turned or mirrored fan stands on another one's place."""
 MIRRORS = {
-    "left and right": (1.0, -1.0), "front and back": (-1.0, 1.0), "left and right, front and back": (-1.0, -1.0),
-}  # fmt: skip
+    "left and right": (1.0, -1.0),
+    "front and back": (-1.0, 1.0),
+    "left and right, front and back": (-1.0, -1.0),
+}
 Order = tuple[int, ...]
 
 

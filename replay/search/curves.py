@@ -89,7 +89,9 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     if name.startswith(REACTIONS[axis]) and not (
         axis == "Fz" and name in vanes
     ):  # vanes do not change lift
-        return REACTION_ODDS if axis.startswith("F") else None
+        if axis.startswith("F"):
+            return REACTION_ODDS
+        return None
     if name.startswith(DRIFTS):
         return ODDS * max(r.context.if_commanded(1.0) for r in records)
     return ODDS
@@ -104,7 +106,13 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     if len(known) < FEWEST:
         return None
     turned = name == "yaw_rad" and np.ptp(np.unwrap(known)) >= LEAST_TURN_RAD
-    smooth = _of_heading if turned else None if name == "yaw_rad" else _of_range(known)
+    if name == "yaw_rad" and not turned:
+        return None
+    smooth: Callable[[Array], Array] | None
+    if turned:
+        smooth = _of_heading
+    else:
+        smooth = _of_range(known)
     if smooth is None:
         return None
     return tuple(

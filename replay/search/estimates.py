@@ -56,15 +56,16 @@ class IntervalEstimate:
         if self.ci95 is None:
             return 1.0
         low, high = self.ci95
-        return (
-            float(ndtr(abs(self.value) / (high - low) * 2.0 * _SIDE))
-            if low <= 0.0 <= high and low < high
-            else 1.0
-        )
+        if low <= 0.0 <= high and low < high:
+            return float(ndtr(abs(self.value) / (high - low) * 2.0 * _SIDE))
+        return 1.0
 
     def times(self, factor: float, unit: str) -> IntervalEstimate:
         """In another unit."""
-        interval = None if self.ci95 is None else (self.ci95[0] * factor, self.ci95[1] * factor)
+        if self.ci95 is None:
+            interval = None
+        else:
+            interval = (self.ci95[0] * factor, self.ci95[1] * factor)
         return replace(self, value=self.value * factor, ci95=interval, unit=unit)
 
 
@@ -138,7 +139,10 @@ def said(
     """Parameters as people say them, by draws (m,) of all of them: weighted quantiles of the quantities."""
     shown = effect.shown
     quantities = {q.instead_of: q for q in shown.quantities}
-    log_weight = np.zeros(1) if shown.log_weight is None else shown.log_weight(context, draws)
+    if shown.log_weight is None:
+        log_weight = np.zeros(1)
+    else:
+        log_weight = shown.log_weight(context, draws)
     weight = np.exp(log_weight - log_weight.max())
     out = []
     for e in fitted:

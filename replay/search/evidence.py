@@ -193,7 +193,16 @@ class Evidence:
             noise = fresh
         evidence, loud = self._laplace(design, b, cov, energies, form)
         prior = sum(t.prior for t in terms) - loud
-        return Fit(terms, b, cov, noise, evidence, beyond_bounds(terms, b, cov), worth(u), prior)
+        return Fit(
+            terms=terms,
+            b=b,
+            cov=cov,
+            noise=noise,
+            evidence=evidence,
+            within=beyond_bounds(terms, b, cov),
+            worth=worth(u),
+            prior=prior,
+        )
 
     def deserved(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
         """``within`` and ``worth`` of a set beside a given noise; where it is below ``least``, something below that.
@@ -204,7 +213,9 @@ class Evidence:
         design = self._design(terms)
         b, cov = self._posterior(design, noise)
         within = beyond_bounds(terms, b, cov)
-        return within if within < least else within + worth(Contributions(design, b, cov))
+        if within < least:
+            return within
+        return within + worth(Contributions(design, b, cov))
 
     @staticmethod
     def possible(terms: Sequence[Term]) -> float:

@@ -104,9 +104,12 @@ class Library:
             else:
                 self._add_effect(effect, usable)
         known = {
-            (channel, axis) for t in self.terms if t.effect is not None for channel in t.effect.channels
+            (channel, axis)
+            for t in self.terms
+            if t.effect is not None
+            for channel in t.effect.channels
             for axis in t.effect.axes
-        }  # fmt: skip
+        }
         for curve in curves(self.records):
             self._add_curve(
                 curve, curve.name in ATTITUDE or (curve.name, AXES[curve.axis]) in known
@@ -125,7 +128,11 @@ class Library:
 
     def alike(self, key: Key | None) -> list[Alike]:
         """All terms by their width, or those with a key."""
-        numbers = range(len(self.terms)) if key is None else self.numbers_of[key]
+        numbers: Sequence[int]
+        if key is None:
+            numbers = range(len(self.terms))
+        else:
+            numbers = self.numbers_of[key]
         if not numbers:
             return []
         last = self.terms[numbers[-1]]
@@ -191,7 +198,11 @@ class Library:
         return effect.lacking(record.context)
 
     def _add_effect(self, effect: Effect, usable: Sequence[int]) -> None:
-        groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
+        groups: list[tuple[int | None, Sequence[int]]]
+        if effect.all_of_day:
+            groups = [(f, [f]) for f in usable]
+        else:
+            groups = [(None, usable)]
         for flight, flights in groups:
             shapes = list(dict.fromkeys(effect.shape_grid(self.records[flights[0]].context)))
             priors = dict(zip(shapes, log_shapes(effect, shapes), strict=True))
@@ -239,19 +250,19 @@ class Library:
         odds = effect.log_odds(context)
         self._take_in(
             Term(
-                effect.name,
-                effect,
-                shape,
-                columns,
-                scale,
-                centre,
-                low,
-                high,
-                log_shape,
-                odds,
-                main,
-                places,
-                flight,
+                name=effect.name,
+                effect=effect,
+                shape=shape,
+                columns=columns,
+                scale=scale,
+                centre=centre,
+                low=low,
+                high=high,
+                log_shape=log_shape,
+                log_odds=odds,
+                main=main,
+                places=places,
+                flight=flight,
             )
         )
 
@@ -404,9 +415,23 @@ class Library:
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self._take_in(
-            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, 0.0, log_odds, one,
-                 places, None, AXES[curve.axis])
-        )  # fmt: skip
+            Term(
+                name=curve.name,
+                effect=None,
+                shape=(),
+                columns=columns,
+                scale=one,
+                centre=0.0 * one,
+                low=-np.inf * one,
+                high=np.inf * one,
+                log_shape=0.0,
+                log_odds=log_odds,
+                main=one,
+                places=places,
+                flight=None,
+                axis=AXES[curve.axis],
+            )
+        )
 
     def _reach(self) -> None:
         """Let every channel know of all columns."""
@@ -501,4 +526,6 @@ def _off_centre(record: Record) -> Iterator[Array]:
 
 
 def _mean(x: Array) -> Array:
-    return np.asarray(np.nanmean(x, axis=0)) if np.isfinite(x).any() else np.full(3, np.nan)
+    if np.isfinite(x).any():
+        return np.asarray(np.nanmean(x, axis=0))
+    return np.full(3, np.nan)

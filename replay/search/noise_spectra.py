@@ -92,6 +92,9 @@ def _spectrum(step_s: float, slow_s: float, share: float) -> Spectrum:
     r[0] += NUGGET
     filters = np.zeros((ORDER + 1, ORDER + 1))
     for k in range(ORDER + 1):
-        a = solve_toeplitz(r[:k], r[1 : k + 1]) if k else np.empty(0)
+        if k:
+            a = solve_toeplitz(r[:k], r[1 : k + 1])
+        else:
+            a = np.empty(0)
         filters[k, : k + 1] = np.concatenate([[1.0], -a]) / np.sqrt(r[0] - a @ r[1 : k + 1])
     return Spectrum(slow_s, share, filters)

@@ -66,7 +66,8 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         usual = MAD_TO_SD * float(np.median(np.abs(slow[valid])))
         struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
         if rms > limit or (a < 3 and whole > WHOLE_LIMIT * unit):
-            rms = rms if rms > limit else whole
+            if not (rms > limit):
+                rms = whole
             out.append(
                 Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit))
             )

@@ -23,9 +23,13 @@ from replay.search.worth import top
 SMALL = 0.005
 """Share of the residual's energy below which an effect is called small."""
 _WAYS = (
-    ("push forward", "push backward"), ("push to the right", "push to the left"), ("push down", "push up"),
-    ("roll to the right", "roll to the left"), ("pitch up", "pitch down"), ("turn to the right", "turn to the left"),
-)  # fmt: skip
+    ("push forward", "push backward"),
+    ("push to the right", "push to the left"),
+    ("push down", "push up"),
+    ("roll to the right", "roll to the left"),
+    ("pitch up", "pitch down"),
+    ("turn to the right", "turn to the left"),
+)
 """What acts along each axis, and against it."""
 HELD_OUT = 2.0
 """A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
@@ -92,7 +96,9 @@ class Found:
     @property
     def status(self) -> str:
         """``confirmed`` (lowers the residual of a flight that it was not fitted on, too), or ``candidate``."""
-        return "confirmed" if self.confirmed_by and not self.at_bound else "candidate"
+        if self.confirmed_by and not self.at_bound:
+            return "confirmed"
+        return "candidate"
 
     @property
     def at_bound(self) -> bool:
@@ -181,7 +187,9 @@ def _predictive(walked: Walked) -> Walked:
     }
     least = min(left.values())
     chosen = next(fit for fit in likeliest.values() if left[fit.key] <= HELD_OUT * least)
-    return walked if chosen.key == walked.best.key else walked.at_most(chosen)
+    if chosen.key == walked.best.key:
+        return walked
+    return walked.at_most(chosen)
 
 
 def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
@@ -285,9 +293,12 @@ def _share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = Non
 
 
 def _found(
-    walked: Walked, terms: Sequence[Term], fits: Sequence[FlightFit], others: Mapping[Key, Sequence[str]],
+    walked: Walked,
+    terms: Sequence[Term],
+    fits: Sequence[FlightFit],
+    others: Mapping[Key, Sequence[str]],
     without: Mapping[Key, tuple[str, ...]],
-) -> Found:  # fmt: skip
+) -> Found:
     """One effect; where every flight has a term of its own, its numbers are those of the one that explains most."""
     shares = {t.key: _share(fits, t.key) for t in terms}
     term = max(terms, key=lambda t: (shares[t.key], -_shown_by(t, fits)))
@@ -365,11 +376,10 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
     for name, own in numbers.items():
         term = library.terms[max(own, key=lambda i: float(gain[i]))]
         excited = name in walked.worse or _excited(walked, term)
-        reason = (
-            walked.why_not(name)
-            if excited
-            else "this flight hardly excites it: " + term.named.excite
-        )
+        if excited:
+            reason = walked.why_not(name)
+        else:
+            reason = "this flight hardly excites it: " + term.named.excite
         out.append(Rejected(name, reason, excited, walked.probability(name, ())))
     return tuple(out)
 

@@ -159,7 +159,10 @@ def class_of(
     chances = dict.fromkeys((name, *instead), 0.0)
     for fit, weight in walked.weighted():
         names = {t.name for t in fit.terms if t.effect is not None}
-        acting = [name] if name in names else [other for other in instead if other in names]
+        if name in names:
+            acting = [name]
+        else:
+            acting = [other for other in instead if other in names]
         acting = [one for one in acting if one not in effect.contains] or acting
         for one in acting:
             chances[one] += weight / len(acting)
@@ -183,4 +186,6 @@ def canonical(fits: list[Fit]) -> Fit:
     least = min(
         near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms))
     )
-    return best if least.key < best.key and least.score < best.score - NAMED else least
+    if least.key < best.key and least.score < best.score - NAMED:
+        return best
+    return least

@@ -63,4 +63,6 @@ def _lighter(walked: Walked, fit: Fit) -> Fit:
         for term in fit.terms[:-1]
     ]
     lightest = max(lighter, key=lambda f: f.promise, default=fit)
-    return _lighter(walked, lightest) if lightest.promise > fit.promise + MARGIN else fit
+    if lightest.promise > fit.promise + MARGIN:
+        return _lighter(walked, lightest)
+    return fit

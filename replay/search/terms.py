@@ -115,7 +115,9 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
     x = unmixed_regressors(effect, record, shape)
-    return x if effect.mixing is None else np.asarray(x @ effect.mixing(shape))
+    if effect.mixing is None:
+        return x
+    return np.asarray(x @ effect.mixing(shape))
 
 
 def unmixed_regressors(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
@@ -134,7 +136,10 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     size = np.sqrt(
         (x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2
     )
-    top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
+    if valid.any():
+        top = float(np.quantile(size[valid], 0.99))
+    else:
+        top = 0.0
     if top < 1e-9 * record.context.weight:
         return []
     u = np.minimum(size / top, 1.0)

@@ -117,13 +117,18 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
     names = {t.name for t in fit.terms}
     terms = evidence.library.terms
     rivals = [
-        i for i, t in enumerate(terms)
-        if t.key not in taken and t.name not in inside
+        i
+        for i, t in enumerate(terms)
+        if t.key not in taken
+        and t.name not in inside
         and (t.effect is None or not names & set(t.effect.contains))
-    ]  # fmt: skip
+    ]
     out: list[Term] = []
     for noise in dict.fromkeys((fit.noise, evidence.quiet)):
-        near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
+        if noise is fit.noise:
+            near = fit
+        else:
+            near = evidence.refit(fit.terms, noise)
         ranked = evidence.promising(near, rivals)[:tried]
         out += [t for odds, t in ranked if odds > WORTH_A_LOOK and t not in out]
     return out

@@ -56,7 +56,10 @@ class Contributions:
         for term, part in zip(
             design.terms, map(slice, design.edges, design.edges[1:]), strict=True
         ):
-            main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
+            if (term.main == 0.0).any():
+                main = term.main
+            else:
+                main = np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
         return design.times(np.where(design.of_term, possible, 0.0))
 

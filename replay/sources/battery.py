@@ -34,7 +34,9 @@ def _fault(series: Series) -> str:
     if not known.size:
         return "no voltage"
     median = float(np.median(known))
-    return f"reads {median:.2f} V" if median < LEAST_V else ""
+    if median < LEAST_V:
+        return f"reads {median:.2f} V"
+    return ""
 
 
 def _powers(found: Mapping[str, Series]) -> dict[str, float] | None:
@@ -49,7 +51,9 @@ def _powers(found: Mapping[str, Series]) -> dict[str, float] | None:
             out[name] = 0.0
         else:
             return None
-    return out if any(power > 0.0 for power in out.values()) else None
+    if any(power > 0.0 for power in out.values()):
+        return out
+    return None
 
 
 def _sag(series: Series) -> float:

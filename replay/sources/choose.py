@@ -17,9 +17,18 @@ from replay.sources.pressure import pressures, stated_pressure
 from replay.sources.ranges import choose_ranges
 
 QUANTITIES = (
-    "battery", "imu", "outputs", "position", "pressure", "range_down", "range_up", "range_forward",
-    "range_right", "range_back", "range_left",
-)  # fmt: skip
+    "battery",
+    "imu",
+    "outputs",
+    "position",
+    "pressure",
+    "range_down",
+    "range_up",
+    "range_forward",
+    "range_right",
+    "range_back",
+    "range_left",
+)
 """What ``--set`` may name."""
 
 
@@ -76,7 +85,9 @@ def source_notes(choices: Sequence[SourceChoice]) -> list[str]:
 
 
 def _of(found: Mapping[str, Series], choice: SourceChoice | None) -> Series | None:
-    return None if choice is None else found[choice.chosen]
+    if choice is None:
+        return None
+    return found[choice.chosen]
 
 
 def _first(found: tuple[ImuRecord, ...], choice: SourceChoice | None) -> tuple[ImuRecord, ...]:

@@ -41,7 +41,10 @@ def _fault(log: FlightLog, imu: ImuRecord) -> str:
         return f"measures {over_gravity:.2f} g"
     if imu.healthy is False:
         return "the autopilot calls it unhealthy"
-    number = str(imu.instance + 1) if imu.instance else ""
+    if imu.instance:
+        number = str(imu.instance + 1)
+    else:
+        number = ""
     use = f"INS_USE{number}"
     if log.parameters.get(use) == 0.0:
         return f"{use} is 0"

@@ -24,7 +24,9 @@ def stated_lane(log: FlightLog) -> Stated | None:
     if kind is None:
         return None
     first = next((name for name in log.lanes if name.startswith(kind)), None)
-    return None if first is None else Stated(first, "AHRS_EKF_TYPE")
+    if first is None:
+        return None
+    return Stated(first, "AHRS_EKF_TYPE")
 
 
 def _fault(lane: Lane) -> str:

@@ -107,7 +107,9 @@ def turns(log: FlightLog) -> bool:
 
 def _said_count(log: FlightLog) -> str:
     said = _said(log, 0)
-    return "no parameter says the frame" if said is None else said.said
+    if said is None:
+        return "no parameter says the frame"
+    return said.said
 
 
 def what_it_is(log: FlightLog) -> str:
@@ -146,17 +148,26 @@ def _frame(log: FlightLog, seen: int) -> Airframe | None:
     said = _said(log, count or seen)
     if said is not None:
         if None not in (said.count, count) and said.count != count:
-            verb = "have" if ", " in said.said else "has"
+            if ", " in said.said:
+                verb = "have"
+            else:
+                verb = "has"
             raise LogError(
                 f"{log.path}: {said.said} {verb} {said.count} motors, and MAV_TYPE {log.vehicle_type} has {count}; "
                 "give --vehicle"
             )
         return _of_firmware(said, said.count or count or seen)
-    said_by = "no parameter says the frame" if count is None else f"MAV_TYPE {log.vehicle_type}"
+    if count is None:
+        said_by = "no parameter says the frame"
+    else:
+        said_by = f"MAV_TYPE {log.vehicle_type}"
     usual = _USUAL.get(count or seen)
     if usual is None:
         return _unknown(count or seen, said_by, "no parameter says the frame")
-    unsure = "" if log.autopilot in _ARDUPILOT_OR_PX4 else "no parameter says the frame"
+    if log.autopilot in _ARDUPILOT_OR_PX4:
+        unsure = ""
+    else:
+        unsure = "no parameter says the frame"
     return Airframe(usual, FRAMES[usual], f"{said_by}: the usual {usual}", unsure)
 
 
@@ -221,7 +232,9 @@ def _numbers(log: FlightLog, motors: tuple[Motor, ...]) -> dict[int, int]:
 
 def _moving(servo: Series | None) -> Collection[int]:
     """Outputs, from 1, that move."""
-    return set() if servo is None else moving_outputs(servo)
+    if servo is None:
+        return set()
+    return moving_outputs(servo)
 
 
 def _turning(log: FlightLog) -> set[int]:

@@ -78,7 +78,10 @@ class Fact:
 
     def as_text(self) -> str:
         """One line."""
-        value = f"{self.value:.4g}" if isinstance(self.value, float) else str(self.value)
+        if isinstance(self.value, float):
+            value = f"{self.value:.4g}"
+        else:
+            value = str(self.value)
         return f"{self.key} {value}: {self.source}"
 
 
@@ -135,8 +138,14 @@ def draft(
     _refuse_two(logs)
     first = chosen(replace(logs[0], parameters=parameters), given.settings)
     frame = airframe(first)
-    radius = None if given.propeller_m is None else given.propeller_m / 2.0
-    arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
+    if given.propeller_m is None:
+        radius = None
+    else:
+        radius = given.propeller_m / 2.0
+    if given.span_m is None:
+        arm = frame.arm_m
+    else:
+        arm = given.span_m / 2.0
     doubt = _misread(logs, frame, parameters, given.mass_kg, radius, arm)
     if doubt is not None:
         frame, doubt = _without_speeds(logs, frame, parameters, doubt)
@@ -267,13 +276,17 @@ def _rpm(logs: Sequence[FlightLog], frame: Airframe) -> float | None:
     speeds = [log.escs[n].rpm for log in logs for n in frame.numbers.values() if n in log.escs]
     turning = [rpm.values[rpm.values > 0.0] for rpm in speeds if rpm is not None]
     medians = [float(np.median(values)) for values in turning if values.size]
-    return float(np.median(medians)) if medians else None
+    if medians:
+        return float(np.median(medians))
+    return None
 
 
 def _voltages(logs: Sequence[FlightLog]) -> Array:
     """All battery voltages (n,) that are known."""
     voltages = [log.battery.values[:, 0] for log in logs if log.battery is not None]
-    return np.concatenate([v[np.isfinite(v)] for v in voltages]) if voltages else np.zeros(0)
+    if voltages:
+        return np.concatenate([v[np.isfinite(v)] for v in voltages])
+    return np.zeros(0)
 
 
 def _answers(
@@ -285,12 +298,18 @@ def _answers(
     voltage = _voltages(logs)
     return Answers(
         name=f"{frame.name}, drafted from {logs[0].path.name}",
-        mass_kg=sizes["mass_kg"].value, propeller_m=2.0 * sizes["rotor_radius_m"].value, motors=frame.motors,
-        numbers=frame.numbers, arm_m=sizes["position_m"].value, telemetered=frame.telemetered,
+        mass_kg=sizes["mass_kg"].value,
+        propeller_m=2.0 * sizes["rotor_radius_m"].value,
+        motors=frame.motors,
+        numbers=frame.numbers,
+        arm_m=sizes["position_m"].value,
+        telemetered=frame.telemetered,
         voltage_v=round(float(np.median(voltage)), 2) if voltage.size else _VOLTAGE_V,
-        ranges=tuple(_ranges(logs, parameters)), parameters=parameters,
-        port=logs[0].motor_outputs.port, group=logs[0].motor_outputs.group,
-    )  # fmt: skip
+        ranges=tuple(_ranges(logs, parameters)),
+        parameters=parameters,
+        port=logs[0].motor_outputs.port,
+        group=logs[0].motor_outputs.group,
+    )
 
 
 def _ranges(logs: Sequence[FlightLog], parameters: Mapping[str, float]) -> Iterator[Rangefinder]:
@@ -374,11 +393,10 @@ def _facts(
             said_of = (
                 f"{guess.low:.3g} to {guess.high:.3g}, {guess.source}; {_OPTIONS[key]} gives it"
             )
-            lost = (
-                f"; an arm's length{_unsure(frame)}; moments are left out"
-                if key == "position_m"
-                else ""
-            )
+            if key == "position_m":
+                lost = f"; an arm's length{_unsure(frame)}; moments are left out"
+            else:
+                lost = ""
             assumed.append(Fact(key, guess.value, said_of + lost))
         elif key != "position_m" or frame.ordered:
             known.append(
@@ -416,7 +434,9 @@ def _facts(
 
 
 def _unsure(frame: Airframe) -> str:
-    return f"; {frame.unsure}" if frame.unsure else ""
+    if frame.unsure:
+        return f"; {frame.unsure}"
+    return ""
 
 
 def _hover_rpm(vehicle: Vehicle) -> float:

@@ -68,11 +68,10 @@ def fit_records(
             curve = replace(curve, voltage_v=found["voltage_v"])
         vehicle = replace(start, throttle=curve)
     throttle = pooled(lambda r: r.context.state.thrust_command)
-    hover = (
-        float(np.nanmedian(throttle))
-        if np.isfinite(throttle).sum() >= 0.5 * len(lift)
-        else math.nan
-    )
+    if np.isfinite(throttle).sum() >= 0.5 * len(lift):
+        hover = float(np.nanmedian(throttle))
+    else:
+        hover = math.nan
     if 0.05 < hover < 0.95:
         found["hover_thrust"] = _rounded(hover)
         vehicle = replace(vehicle, hover_thrust=found["hover_thrust"])

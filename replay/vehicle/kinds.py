@@ -31,30 +31,54 @@ _MAV_TYPES = {
     **dict.fromkeys(range(19, 26), _VTOL), 28: "a parafoil",
 }  # fmt: skip
 _FRAME_CLASSES = {
-    **dict.fromkeys((6, 11, 13), _HELICOPTER), 8: _SINGLE, 9: _COAX, 10: _BICOPTER, 16: _SIX_AXES,
-}  # fmt: skip
+    **dict.fromkeys((6, 11, 13), _HELICOPTER),
+    8: _SINGLE,
+    9: _COAX,
+    10: _BICOPTER,
+    16: _SIX_AXES,
+}
 _ROVER_CLASSES = {2: _BOAT, 3: "a balance bot"}
 _CA_AIRFRAMES = {
     1: _AEROPLANE, **dict.fromkeys((2, 3, 4), _VTOL), **dict.fromkeys((5, 6, 13), _ROVER), 7: _SUBMARINE,
     **dict.fromkeys((10, 11, 12), _HELICOPTER), 14: _SPACECRAFT, 15: _SPACECRAFT,
 }  # fmt: skip
 _AUTOSTART_RANGES = {
-    2: _AEROPLANE, 3: "a flying wing", 13: _VTOL, 15: _HELICOPTER, 16: _HELICOPTER, 17: "an autogyro",
-    18: "a balloon", **dict.fromkeys(range(50, 60), _ROVER), **dict.fromkeys(range(60, 70), _SUBMARINE),
-}  # fmt: skip
+    2: _AEROPLANE,
+    3: "a flying wing",
+    13: _VTOL,
+    15: _HELICOPTER,
+    16: _HELICOPTER,
+    17: "an autogyro",
+    18: "a balloon",
+    **dict.fromkeys(range(50, 60), _ROVER),
+    **dict.fromkeys(range(60, 70), _SUBMARINE),
+}
 """Thousands of SYS_AUTOSTART."""
 _AIRSHIPS = (2500, 2507)
 """Among the numbers of aeroplanes."""
 _OF_ONE_VEHICLE = {
-    "TECS_CLMB_MAX": _AEROPLANE, "CRUISE_THROTTLE": _ROVER, "JS_GAIN_DEFAULT": _SUBMARINE, "H_RSC_MODE": _HELICOPTER,
+    "TECS_CLMB_MAX": _AEROPLANE,
+    "CRUISE_THROTTLE": _ROVER,
+    "JS_GAIN_DEFAULT": _SUBMARINE,
+    "H_RSC_MODE": _HELICOPTER,
     "YAW_SLEW_TIME": _TRACKER,
-}  # fmt: skip
+}
 """Parameters of ArduPilot's other vehicles."""
 _TEXTS = {
-    "ArduPlane": _AEROPLANE, "APM:Plane": _AEROPLANE, "QuadPlane": _VTOL, "ArduRover": _ROVER, "APM:Rover": _ROVER,
-    "Rover V": _ROVER, "ArduSub": _SUBMARINE, "Blimp": _AIRSHIP, "AntennaTracker": _TRACKER, "ArduTracker": _TRACKER,
-    "Frame: HELI": _HELICOPTER, "Frame: SINGLE": _SINGLE, "Frame: COAX": _COAX,
-}  # fmt: skip
+    "ArduPlane": _AEROPLANE,
+    "APM:Plane": _AEROPLANE,
+    "QuadPlane": _VTOL,
+    "ArduRover": _ROVER,
+    "APM:Rover": _ROVER,
+    "Rover V": _ROVER,
+    "ArduSub": _SUBMARINE,
+    "Blimp": _AIRSHIP,
+    "AntennaTracker": _TRACKER,
+    "ArduTracker": _TRACKER,
+    "Frame: HELI": _HELICOPTER,
+    "Frame: SINGLE": _SINGLE,
+    "Frame: COAX": _COAX,
+}
 """First words of what an autopilot says when it starts."""
 _MULTIROTORS = (2, 13, 14, 15, 29, 35)
 """MAV_TYPE of multirotors of 4, 6, 8, 3, 12 and 10 motors."""
@@ -101,6 +125,10 @@ def _of_rover(log: FlightLog) -> str:
 
 
 def _by_autostart(number: int) -> Iterator[Kind]:
-    what = _AIRSHIP if number in _AIRSHIPS else _AUTOSTART_RANGES.get(number // 1000)
+    what: str | None
+    if number in _AIRSHIPS:
+        what = _AIRSHIP
+    else:
+        what = _AUTOSTART_RANGES.get(number // 1000)
     if what is not None:
         yield Kind(what, f"SYS_AUTOSTART {number}")

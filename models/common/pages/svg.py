@@ -168,9 +168,9 @@ def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
 def _tick(value: float) -> str:
     """A number that fits beside the axis."""
     text = f"{value:.4g}"
-    return (
-        text if len(text) <= _LONGEST else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
-    )
+    if len(text) <= _LONGEST:
+        return text
+    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _band(band: Band, xs: _Scale) -> str:
@@ -198,10 +198,9 @@ def _dots(line: Line, xs: _Scale, ys: _Scale) -> str:
     places = (xs(line.x), ys(line.y), ys(line.y - line.error), ys(line.y + line.error))
     for x, y, low, high in zip(*places, strict=True):
         if np.isfinite(x + y + low):
-            bar = (
-                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>'
-                if low != high
-                else ""
-            )
+            if low != high:
+                bar = f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>'
+            else:
+                bar = ""
             out += f'<g class="dot {line.kind}">{bar}<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/></g>'
     return out
