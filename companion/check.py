@@ -353,7 +353,8 @@ def _rates(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 
 def _rate(name: str, message: str, hz: float, least: float, good: float, text: str = "") -> Item:
     do = (
-        f"raise the rate of {message} on this port (ArduPilot SRn_*, PX4 MAV_n_MODE and MAV_n_RATE), or the baud "
+        f"raise the rate of {message} on this port (ArduPilot SRn_*, PX4 MAV_n_MODE and "
+        "MAV_n_RATE), or the baud "
         "rate; another station may be turning it down"
     )
     return _judged(
@@ -382,7 +383,8 @@ def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
             "ring",
             _WARN,
             f"OBSTACLE_DISTANCE of {count} directions heard, not in the vehicle file",
-            f'declare it to see walls: [[rangefinder]] with ring = {count}, target = "wall", position_m = [x, y, z]',
+            f'declare it to see walls: [[rangefinder]] with ring = {count}, target = "wall", '
+            "position_m = [x, y, z]",
         )
 
 
@@ -406,8 +408,10 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
         return Item(
             name,
             _FAIL,
-            f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
-            f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
+            f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: "
+            f"{others}",
+            f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the "
+            "vehicle file",
         )
     low = readings[-1].min_m
     high = readings[-1].max_m
@@ -464,7 +468,10 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         for s in heard.samples[samples.RotorSpeeds]
         if s.first_esc <= escs[0] < s.first_esc + len(s.rpm)
     )
-    telemetry = "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the numbers in the vehicle file"
+    telemetry = (
+        "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the "
+        "numbers in the vehicle file"
+    )
     yield _judged(
         "rotor speeds",
         f"{len(escs)} ESCs at {hz:.1f} Hz",
@@ -491,7 +498,8 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     if len(heard.lift) >= _SEEN_S * 10.0:
         lift, (low, high) = median(heard.lift), IN_HOVER
         do = (
-            "mass_kg, rotor_radius_m, ct or --model are of another vehicle; near 4 or 1/4 the pole count is wrong by "
+            "mass_kg, rotor_radius_m, ct or --model are of another vehicle; near 4 or 1/4 the "
+            "pole count is wrong by "
             "two (SERVO_BLH_POLES)"
         )
         text = f"by rotor speeds and model the rotors lift {lift:.2f} of the weight in hover"
@@ -507,7 +515,10 @@ def _hover(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     else:
         theirs = hover_parameter(heard.state.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
-        text = f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the vehicle file"
+        text = (
+            f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the "
+            "vehicle file"
+        )
         do = f"set hover_thrust = {theirs:.2f} in the vehicle file, or the autopilot's parameter"
         fault = (abs(theirs - declared) > DISAGREEMENT * declared, _WARN, "", do)
         yield _judged("hover thrust", text, fault)

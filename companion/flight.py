@@ -238,7 +238,8 @@ class Flight:
         if intake.clock.set_back_s != self._set_back_s:
             self._set_back_s = intake.clock.set_back_s
             self._tell(
-                f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s"
+                "companion: the vehicle's clock was set back, or stood still, by "
+                f"{self._set_back_s:.2f} s"
             )
         if frame.system in intake.others:
             self._say_once(
@@ -349,7 +350,8 @@ class Flight:
         if not self._streams.wanted:
             if now_s - self._started_s > _LOST_S:
                 self._say_once(
-                    f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?"
+                    f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot "
+                    "send there?"
                 )
             return
         self._renew_last_word(now_s)
@@ -506,12 +508,18 @@ class Flight:
         if not self._link.received and not self._link.bad:
             return "nothing was heard; does the autopilot send there?"
         if not self._link.received:
-            return f"{self._link.bad} damaged or unsigned frames and no good one: check baud rate and signing key"
+            return (
+                f"{self._link.bad} damaged or unsigned frames and no good one: check baud "
+                "rate and signing key"
+            )
         if self._options.target_system:
             who = f" of system {self._options.target_system}"
         else:
             who = ""
-        return f"{self._link.received} messages but no HEARTBEAT of an autopilot{who}: check --target-system, routing"
+        return (
+            f"{self._link.received} messages but no HEARTBEAT of an autopilot{who}: check "
+            "--target-system, routing"
+        )
 
     def _say(self, text: str) -> None:
         self._watchdog.status(text)

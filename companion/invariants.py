@@ -91,7 +91,10 @@ class Requirement(Enum):
     FRESH = "no setpoint is stale, and none is sent a second time"
     ARMED = "no setpoint unless the autopilot says that it is armed"
     MODE = "no setpoint outside GUIDED and OFFBOARD (PX4 before OFFBOARD: no offset and no place)"
-    LANDED = "no setpoint while the autopilot says that it stands on the ground, unless range and rotors contradict it"
+    LANDED = (
+        "no setpoint while the autopilot says that it stands on the ground, unless range "
+        "and rotors contradict it"
+    )
     LINK = "no setpoint after the autopilot's heartbeats have stopped"
     DRY_RUN = "a dry run sends no setpoint"
     FORM = (
@@ -290,7 +293,10 @@ class Auditor:
         rate = math.radians(limits.slew_tilt_deg_per_s)
         parts = [(o.thrust, limits.thrust), (o.roll, tilt), (o.pitch, tilt)]
         parts += [(a, GRAVITY * math.tan(tilt)) for a in o.acceleration]
-        text = f"thrust {o.thrust:+.4f}, roll {math.degrees(o.roll):+.2f}, pitch {math.degrees(o.pitch):+.2f} deg"
+        text = (
+            f"thrust {o.thrust:+.4f}, roll {math.degrees(o.roll):+.2f}, pitch "
+            f"{math.degrees(o.pitch):+.2f} deg"
+        )
         self._check(Requirement.LIMITS, all(abs(v) <= most + _WIRE for v, most in parts), text)
         self._check_lost(any(abs(v) > _NOTHING for v, _ in parts), decision.t_s)
         held_back = not HOLDS_BACK_EVERYTHING.isdisjoint(decision.reasons)

@@ -39,7 +39,8 @@ def read_box(text: str) -> SurveyBox:
         numbers = []
     if len(numbers) not in (2, 4) or not all(map(math.isfinite, numbers)):
         raise ConfigError(
-            f"--survey {text}: give HEIGHT_MIN:HEIGHT_MAX or HEIGHT_MIN:HEIGHT_MAX:WALL_MIN:WALL_MAX [m]"
+            f"--survey {text}: give HEIGHT_MIN:HEIGHT_MAX or "
+            "HEIGHT_MIN:HEIGHT_MAX:WALL_MIN:WALL_MAX [m]"
         )
     for name, low, high in zip(("HEIGHT", "WALL"), numbers[::2], numbers[1::2], strict=False):
         if low < NEAR_M:

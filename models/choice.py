@@ -47,12 +47,16 @@ def choose(vehicle: Vehicle, name: str | None, shipped: str | None = None) -> Ch
     wrong = contradictions(vehicle, model)
     if name is not None or not wrong:
         return Choice(model, name or shipped or "shipped", wrong)
-    note = f"the shipped model is of another fan ({'; '.join(wrong)}): without model, as with --model none"
+    note = (
+        f"the shipped model is of another fan ({'; '.join(wrong)}): without model, as with "
+        "--model none"
+    )
     try:
         return Choice(empty_model(vehicle), NONE, note=note)
     except ConfigError:
         raise ConfigError(
-            f"vehicle file: key 'fan.ct' is missing, and the shipped model is of another fan ({'; '.join(wrong)}): "
+            "vehicle file: key 'fan.ct' is missing, and the shipped model is of another fan "
+            f"({'; '.join(wrong)}): "
             "give ct, or --model of this vehicle"
         ) from None
 
@@ -62,7 +66,8 @@ def choose_to_fly(vehicle: Vehicle, name: str | None, shipped: str | None = None
     chosen = choose(vehicle, name, shipped)
     if chosen.contradictions:
         raise ConfigError(
-            f"--model {name}: is of another fan than the vehicle file ({'; '.join(chosen.contradictions)}); "
+            f"--model {name}: is of another fan than the vehicle file "
+            f"({'; '.join(chosen.contradictions)}); "
             "use this vehicle's own model, or --model none"
         )
     return chosen

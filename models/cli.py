@@ -36,7 +36,8 @@ def _run(args: argparse.Namespace) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="models",
-        description="Surrogates of a fan near ground and wall: train, compare, query, compute data.",
+        description="Surrogates of a fan near ground and wall: train, compare, query, compute "
+        "data.",
     )
     parser.add_argument(
         "--version", action=VersionAction, nargs=0, help="print the version and exit"
@@ -58,7 +59,8 @@ def _parser() -> argparse.ArgumentParser:
         "--sigma",
         type=Path,
         metavar="CSV",
-        help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
+        help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble "
+        "are weighted by it",
     )
     data.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)"
@@ -81,12 +83,14 @@ def _parser() -> argparse.ArgumentParser:
         nargs=2,
         type=float,
         metavar=("RADIUS", "LIP"),
-        help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
+        help="rotor and outer lip radius [m] of the fan that the data are of: flight then "
+        "refuses it on another fan",
     )
     train.add_argument(
         "--places",
         choices=("even", "odd"),
-        help="train on every second place only: a test may then use the others (sim:corner_cfd flies in the even ones)",
+        help="train on every second place only: a test may then use the others (sim:corner_cfd "
+        "flies in the even ones)",
     )
     train.add_argument(
         "--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity"
@@ -150,7 +154,8 @@ def _train(args: argparse.Namespace) -> Mapping[str, Any]:
     for note in report["notes"]:
         print(f"note: {note}")
     print(
-        f"{args.method} on {report['rows']} rows of {data.source}, {report['seconds']:.1f} s, written to {args.out}"
+        f"{args.method} on {report['rows']} rows of {data.source}, {report['seconds']:.1f} s, "
+        f"written to {args.out}"
     )
     print(
         f"{'':4}{'R2 train':>10}{'R2 test':>10}{'MSE test':>12}{'R2 of increments':>18}{'within 1.96 sigma':>20}"
@@ -183,7 +188,10 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
         sigma = ""
     else:
         sigma = f" --sigma {args.sigma}"
-    command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
+    command = (
+        f"models train --data {args.data}{sigma} --method "
+        f"{result.numbers['use']['method']} --out DIR"
+    )
     if args.report:
         write_page(args.report, result, command)
     if speaks(args):
@@ -250,7 +258,8 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
 
         if sigma is not None:
             raise ConfigError(
-                f"--sigma {sigma}: the closed form has none; give it with the CSV that it belongs to"
+                f"--sigma {sigma}: the closed form has none; give it with the CSV that it "
+                "belongs to"
             )
         return ClosedForm().data_set(), dict(FIDELITY)
     from models.dataset import read, with_sigma
@@ -268,6 +277,7 @@ def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
     radius, lip = args.fan
     if not 0.0 < radius <= lip < 100.0:
         raise ConfigError(
-            f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller"
+            f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no "
+            "smaller"
         )
     return radius, lip

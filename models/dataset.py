@@ -211,7 +211,8 @@ def _check_values(path: Path, number: NDArray[np.intp], values: Array) -> None:
     ):
         for row, k in np.argwhere(bad)[:1]:
             raise ModelError(
-                f"data set {path}: line {number[row]}, column {COLUMNS[k]}: {problem} ({values[row, k]:g})"
+                f"data set {path}: line {number[row]}, column {COLUMNS[k]}: {problem} "
+                f"({values[row, k]:g})"
             )
 
 
@@ -227,7 +228,8 @@ def _merge_duplicates(
     if len(differ):
         row, k = differ[0]
         raise ModelError(
-            f"data set {path}: lines {number[twin[row]]} and {number[row]} are the same point but disagree in "
+            f"data set {path}: lines {number[twin[row]]} and {number[row]} are the same point "
+            "but disagree in "
             f"{COLUMNS[3 + k]} ({values[twin[row], 3 + k]:g} and {values[row, 3 + k]:g}); keep one"
         )
     if len(first) < len(values):
@@ -243,12 +245,14 @@ def _drop_rest(path: Path, number: NDArray[np.intp], values: Array, notes: list[
     if len(loaded):
         row, k = loaded[0]
         raise ModelError(
-            f"data set {path}: line {number[row]} is at rest (rpm 0) but has {AXES[k]} = {values[row, 3 + k]:g}; "
+            f"data set {path}: line {number[row]} is at rest (rpm 0) but has {AXES[k]} = "
+            f"{values[row, 3 + k]:g}; "
             "remove the sensor's offset"
         )
     if rest.any():
         notes.append(
-            f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench by definition"
+            f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench "
+            "by definition"
         )
     kept: Array = values[~rest]
     return kept

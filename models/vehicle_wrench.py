@@ -53,7 +53,8 @@ def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: Arr
         return fan.ct * _dynamic_force(vehicle, speed)
     if vehicle.telemetered:
         raise ConfigError(
-            "vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it"
+            "vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to "
+            "replace it"
         )
     return vehicle.mass_kg * GRAVITY / len(vehicle.fans) * (speed / REFERENCE_RPM) ** 2
 

@@ -26,15 +26,18 @@ def add_parser(commands: Any) -> None:
         "audit",
         help="say whether a recorded flight kept the safety requirements",
         epilog=_EPILOG,
-        description="Check everything that the companion sent in a recorded flight against what it heard. The "
-        "recording must hold both directions, as companion --record and ground stations write them.",
+        description="Check everything that the companion sent in a recorded flight against what "
+        "it heard. The "
+        "recording must hold both directions, as companion --record and ground stations write "
+        "them.",
     )
     p.add_argument("logs", nargs="+", type=Path, metavar="FLIGHT.tlog")
     p.add_argument(
         "--vehicle",
         type=vehicle_path,
         metavar="FILE.toml",
-        help="vehicle file flown: its limits, and which sensors are needed (default: the default limits; any sensor)",
+        help="vehicle file flown: its limits, and which sensors are needed (default: the default "
+        "limits; any sensor)",
     )
     p.add_argument(
         "--dry-run",
@@ -44,7 +47,8 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--setpoint",
         choices=("hold", "upstream"),
-        help="what was flown (default: upstream where another station's SET_ATTITUDE_TARGET is in the log)",
+        help="what was flown (default: upstream where another station's SET_ATTITUDE_TARGET is "
+        "in the log)",
     )
     add_answer_options(p, flies="the first heard")
     p.set_defaults(run=run)
@@ -91,14 +95,16 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
 
     if suffix_of(path) != ".tlog" and path.exists():
         raise LogError(
-            f"{path}: only a .tlog holds both directions of the link; record one with companion --record"
+            f"{path}: only a .tlog holds both directions of the link; record one with companion "
+            "--record"
         )
     log = read_tlog(path)
     counts = log.counts()
     ours = {s for s in counts if s[1] == OWN_COMPONENT and a.target_system in (None, s[0])}
     if not ours:
         raise LogError(
-            f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit"
+            f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to "
+            "audit"
         )
     others = {number for *_, number in counts.keys() - ours}
     if a.setpoint is None:
@@ -119,7 +125,8 @@ def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
     out = []
     for log, one in zip(logs, audits, strict=True):
         out.append(
-            f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints"
+            f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} "
+            "setpoints"
         )
         for requirement, kept in one.requirements.items():
             if kept.broken:

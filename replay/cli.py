@@ -36,7 +36,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line of ``replay``."""
     p = Parser(
         prog="replay",
-        description="Recorded flights: what the companion decides on them, and what its model lacks.",
+        description="Recorded flights: what the companion decides on them, and what its model "
+        "lacks.",
         epilog=EXIT_CODES,
     )
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
@@ -45,7 +46,8 @@ def parser() -> argparse.ArgumentParser:
         "run",
         help="feed a log through the flight pipeline and report its decisions",
         epilog=EXIT_CODES,
-        description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
+        description="Feed a recorded log through the same pipeline as in flight, with the same "
+        "decisions.",
     )
     run.add_argument(
         "log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them"

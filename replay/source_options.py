@@ -15,7 +15,8 @@ def add_source_option(p: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="QUANTITY=NAME",
-        help="read this instance, such as battery=2 or imu=IMU:1; replay info names them (default: the one in use)",
+        help="read this instance, such as battery=2 or imu=IMU:1; replay info names them "
+        "(default: the one in use)",
     )
 
 

@@ -27,7 +27,10 @@ class Reason(Enum):
     CARRIER_REFUSED = "--carrier acceleration cancels no disturbance on ArduPilot (measured)"
     TAKING_OFF = "waiting for the end of the take-off"
     HOVER_UNKNOWN = "hover thrust not known yet: let the autopilot hover for a few seconds"
-    HOVER_IMPLAUSIBLE = "the autopilot's hover parameter contradicts the vehicle file, and no thrust could be learned"
+    HOVER_IMPLAUSIBLE = (
+        "the autopilot's hover parameter contradicts the vehicle file, and no "
+        "thrust could be learned"
+    )
     NO_MARGIN = "attitude too slow or positions too late for a hold that is stable and firm"
     SWINGS_ON = "the hold swings even with soft gains"
     # The base is sent, offsets fade to zero
@@ -59,7 +62,10 @@ HOLDS_BACK_EVERYTHING = frozenset(_GRAVEST_FIRST[: _GRAVEST_FIRST.index(Reason.S
 class Notice(Enum):
     """Messages to the pilot beside the state; nothing stops because of them."""
 
-    FRAME_REFUSED = "target refused: its frame is none of LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED"
+    FRAME_REFUSED = (
+        "target refused: its frame is none of LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, "
+        "BODY_OFFSET_NED"
+    )
     LANDED_OVERRULED = (
         "said to be landed, but rotors and ground range say that it flies: the hold goes on"
     )

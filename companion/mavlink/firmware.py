@@ -162,5 +162,8 @@ def advice(stack: Stack, parameters: Mapping[str, float]) -> str | None:
     timeout = parameters.get("GUID_TIMEOUT", 0.0)
     if stack is not Stack.ARDUPILOT or timeout <= 1.0:
         return None
-    held = f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held that long"
+    held = (
+        f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held "
+        "that long"
+    )
     return f"{held}; 0.5 s is better indoors"

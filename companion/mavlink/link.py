@@ -267,12 +267,14 @@ def _check(endpoint: str) -> str:
                 raise LinkError(f"{endpoint}: cannot be opened: no such device")
             return "serial"
         raise ConfigError(
-            f"endpoint '{endpoint}' is not known: use udp:HOST:PORT, udpin:…, udpout:…, tcp:…, /dev/… or sim:NAME"
+            f"endpoint '{endpoint}' is not known: use udp:HOST:PORT, udpin:…, udpout:…, tcp:…, "
+            "/dev/… or sim:NAME"
         )
     host, _, port = rest.rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise ConfigError(
-            f"endpoint '{endpoint}' needs HOST:PORT after '{scheme}:', such as {scheme}:127.0.0.1:14550"
+            f"endpoint '{endpoint}' needs HOST:PORT after '{scheme}:', such as "
+            f"{scheme}:127.0.0.1:14550"
         )
     if scheme in ("udp", "udpin"):
         # pymavlink binds with SO_REUSEADDR: two listeners would share the port, each missing what the other gets.

@@ -106,7 +106,8 @@ class Recorder:
         self.stopped = why
         self.close()
         self._say(
-            f"companion: recording stopped: {self._pattern.parent}: {why}; the flight goes on unrecorded"
+            f"companion: recording stopped: {self._pattern.parent}: {why}; the flight goes on "
+            "unrecorded"
         )
 
     def close(self) -> None:

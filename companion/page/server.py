@@ -22,7 +22,10 @@ _MOST_A_REPLY = 600
 """A browser that comes late starts with the last two minutes, about 0.6 MB."""
 _BROWSER_S = 5.0
 """A connection that says nothing for so long is closed; the page asks every 0.2 s."""
-_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; img-src data:"
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "connect-src 'self'; img-src data:"
+)
 
 
 class Store:

@@ -199,7 +199,8 @@ def as_text(found: LegComparison) -> str:
         f"sim:{found.scenario}, simulated, {of} in {found.flights[0].time_s[-1]:.0f} s, "
         + (f"{len(seeds)} seeds, mean ± sd" if wide else f"seed {seeds[0]}")
         + "; errors against the truth",
-        f"model: {found.model}, wrong about this air by {wrong}; no offsets: {100.0 * WITHOUT_OFFSETS:.0f} % in each",
+        f"model: {found.model}, wrong about this air by {wrong}; no offsets: "
+        f"{100.0 * WITHOUT_OFFSETS:.0f} % in each",
         "",
         " " * _NAME + "".join(f"{axis + ' [' + UNITS[axis] + ']':>{2 * column}}" for axis in AXES),
         " " * _NAME + "".join(f"{'RMS':>{column}}{'peak':>{column}}" for _ in AXES) + "  touched",

@@ -195,7 +195,8 @@ def flown(leg: Leg, seed: int, truth: Mapping[str, Array], approach_s: float = m
         raise LinkError(f"simulated flight '{leg.value}', seed {seed}: the script did not run")
     if leg is not Leg.AUTOPILOT and (share := float(np.mean(truth["streamed"]))) < 0.98:
         raise LinkError(
-            f"simulated flight '{leg.value}', seed {seed}: the companion flew only {100 * share:.0f} % of it"
+            f"simulated flight '{leg.value}', seed {seed}: the companion flew only "
+            f"{100 * share:.0f} % of it"
         )
     grid = np.arange(0.0, script[-1], STEP_S)
 

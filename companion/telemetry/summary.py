@@ -187,7 +187,8 @@ def adapted_text(known: Adaptation) -> list[str]:
         else:
             share = ""
         out.append(
-            f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{share}".rstrip()
+            f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} "
+            f"{'' if e.unit == '1' else e.unit}{share}".rstrip()
         )
     return out
 

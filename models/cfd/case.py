@@ -95,10 +95,12 @@ def _layers(setup: Setup) -> str:
             high = m * (z0 + (layer + 1) * step)
             name = f"{disc}{layer}"
             actions.append(
-                f"{{ name {name}Set; type cellSet; action new; source zoneToCell; zone {disc}Disc; }}\n"
+                f"{{ name {name}Set; type cellSet; action new; source zoneToCell; zone "
+                f"{disc}Disc; }}\n"
                 f"{{ name {name}Set; type cellSet; action subset; source boxToCell; "
                 f"box (-9 -9 {low:.8g}) (9 9 {high:.8g}); }}\n"
-                f"{{ name {name}; type cellZoneSet; action new; source setToCellZone; set {name}Set; }}"
+                f"{{ name {name}; type cellZoneSet; action new; source setToCellZone; set "
+                f"{name}Set; }}"
             )
     return "actions\n(\n" + "\n".join(actions) + "\n);\n"
 

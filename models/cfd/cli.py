@@ -110,7 +110,8 @@ def _rows(args: argparse.Namespace, setup: Any) -> Any:
         here = campaign.rows(folder, [p for model in MODELS for p in campaign.plan(setup, model)])
         if not here:
             raise ConfigError(
-                f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'"
+                f"--work {folder}: no finished cases of this fan; run 'models cfd run --work "
+                f"{folder}'"
             )
         found |= {row.position: row for row in here}
     return list(found.values())
@@ -135,7 +136,8 @@ def _assemble(args: argparse.Namespace) -> Any:
     solved = sum(mark.made != "law" for mark in made.marks)
     if speaks(args):
         print(
-            f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of {solved} from the solver, "
+            f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of "
+            f"{solved} from the solver, "
             f"of {len(made.table) - solved} by the fitted law of rotor speed"
         )
     return {"rows": len(made.table), "solved": solved, "out": str(args.out)}

@@ -198,9 +198,8 @@ def _check(name: str, setup: Setup) -> None:
             rotor.swirl_tip_pitch_deg
         )
         == 2,
-        "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed": (
-            all(low < high for low, high in itertools.pairwise(discs))
-        ),
+        "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc "
+        "is needed": (all(low < high for low, high in itertools.pairwise(discs))),
         "the rotors cut into the hub: [rotor] root_radius is below hub_radius": rotor.root_radius
         >= fan.hub_radius,
         "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1": rotor.tip_radius

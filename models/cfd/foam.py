@@ -49,7 +49,8 @@ def require() -> None:
     for name in PROGRAMS:
         if shutil.which(name) is None:
             raise ConfigError(
-                f"models cfd: {name} not found; install the package {PACKAGE} (Debian: apt-get install {PACKAGE})"
+                f"models cfd: {name} not found; install the package {PACKAGE} (Debian: apt-get "
+                f"install {PACKAGE})"
             )
 
 

@@ -74,9 +74,11 @@ def check(setup: Setup, position: Position) -> None:
     if not position.h > lowest + LEAST_GAP:
         raise ConfigError(
             f"case {position.key}: no room above the ground: h = {position.h:g} R must exceed "
-            f"{lowest + LEAST_GAP:g} R, as the duct's exit is {lowest:g} R below the reference point"
+            f"{lowest + LEAST_GAP:g} R, as the duct's exit is {lowest:g} R below the reference "
+            "point"
         )
     if not position.d > LEAST_GAP:
         raise ConfigError(
-            f"case {position.key}: no room beside the wall: d = {position.d:g} R must exceed {LEAST_GAP:g} R"
+            f"case {position.key}: no room beside the wall: d = {position.d:g} R must exceed "
+            f"{LEAST_GAP:g} R"
         )

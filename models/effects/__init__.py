@@ -80,12 +80,14 @@ def adopted(
     ):
         if wrong:
             raise ModelError(
-                f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this version"
+                f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this "
+                "version"
             )
     for key, value in parameters.items():
         if not math.isfinite(value):
             raise ModelError(
-                f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this version"
+                f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this "
+                "version"
             )
     for axis in set(without) - set(AXES):
         raise ModelError(f"effect {name!r}: axis {axis!r} is not one of {', '.join(AXES)}")

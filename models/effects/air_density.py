@@ -31,7 +31,10 @@ def _lacking(ctx: Context) -> str | None:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     share = mean(ctx.density) / RHO_SEA_LEVEL - 1.0
-    return f"the air is {more(share, 'denser', 'thinner')} than at sea level: {more(p['gain'] * share)} thrust"
+    return (
+        f"the air is {more(share, 'denser', 'thinner')} than at sea level: "
+        f"{more(p['gain'] * share)} thrust"
+    )
 
 
 EFFECT = Effect(

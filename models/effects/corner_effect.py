@@ -49,12 +49,16 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
         change = "lifts"
     else:
         change = "takes lift"
-    return f"in the corner the air pushes {way} with {percent(pull)} of the thrust and {change} by {percent(lift)}"
+    return (
+        f"in the corner the air pushes {way} with {percent(pull)} of the thrust and {change} "
+        f"by {percent(lift)}"
+    )
 
 
 EFFECT = Effect(
     name="corner_effect",
-    equation="F(h,d) - F(h,inf) - F(inf,d) + F(inf,inf) = sum T (a + b h/L) exp(-(h + d)/L), for pull, lift, tilt/R",
+    equation="F(h,d) - F(h,inf) - F(inf,d) + F(inf,inf) = sum T (a + b h/L) exp(-(h + d)/L), for "
+    "pull, lift, tilt/R",
     sign="pull, tilt > 0: towards the wall; lift > 0: more lift; rise > 0: more of it higher up",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=(

@@ -47,14 +47,18 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
 def _words(_: Context, p: Mapping[str, float]) -> str:
     names = (("x", "forward"), ("y", "to the right"), ("z", "downwards"))
     size = ", ".join(f"{p[key]:+.2f} m/s² {name}" for key, name in names)
-    return f"the accelerometer reads {size} too much; the rotors are tilted against it by {tilt_words(p)}"
+    return (
+        f"the accelerometer reads {size} too much; the rotors are tilted against it by "
+        f"{tilt_words(p)}"
+    )
 
 
 EFFECT = Effect(
     name="imu_bias",
     belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
-    sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted forward of it",
+    sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted "
+    "forward of it",
     axes=("Fx", "Fy", "Fz"),
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",

@@ -88,13 +88,17 @@ def _lacking(ctx: Context) -> str | None:
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
-    return f"fans over the edge lift {p['gain']:.2g} times what the ground effect of the model says for each"
+    return (
+        f"fans over the edge lift {p['gain']:.2g} times what the ground effect of the model "
+        "says for each"
+    )
 
 
 EFFECT = Effect(
     name="partial_ground",
     belongs_to=BelongsTo.PLACE,
-    equation="dF = sum over fans of c F(h_table) + (1 - c) F(h_floor) - F(h seen), c the disc's share over the table",
+    equation="dF = sum over fans of c F(h_table) + (1 - c) F(h_floor) - F(h seen), c the disc's "
+    "share over the table",
     sign="gain 1: as the model's ground effect says",
     axes=("Fz", "Mx", "My"),
     channels=("range_down_m", "down_m", "north_m", "east_m"),

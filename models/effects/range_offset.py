@@ -54,7 +54,10 @@ def _corrected(state: AirState, p: Mapping[str, float]) -> AirState:
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     size = p["offset_m"]
-    return f"the rangefinder to the ground reads {abs(size) * 100.0:.1f} cm too {'much' if size > 0.0 else 'little'}"
+    return (
+        f"the rangefinder to the ground reads {abs(size) * 100.0:.1f} cm too "
+        f"{'much' if size > 0.0 else 'little'}"
+    )
 
 
 EFFECT = Effect(

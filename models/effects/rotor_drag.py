@@ -26,7 +26,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="rotor_drag",
     equation="dF_xy = -sum (sqrt(rho A T) (c v + t omega x r) + s rho A v_down v)_xy per fan",
-    sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps back further",
+    sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps "
+    "back further",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 0.5 m/s",

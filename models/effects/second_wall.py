@@ -49,7 +49,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="second_wall",
     belongs_to=BelongsTo.PLACE,
-    equation="at its bearing (pull, R tilt, lift) sum T exp(-d2/L); loss of lift in the vertex sum T exp(-(d+d2)/3L)",
+    equation="at its bearing (pull, R tilt, lift) sum T exp(-d2/L); loss of lift in the vertex "
+    "sum T exp(-(d+d2)/3L)",
     sign="pull, tilt > 0: towards the second wall; loss > 0: less lift in the vertex",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_forward_m", "range_right_m", "range_back_m", "range_left_m", "rpm_1"),

@@ -98,7 +98,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="slung_load",
     belongs_to=BelongsTo.LOAD,
-    equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
+    equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM "
+    "= b z x dF",
     sign="mass > 0: hangs below",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),

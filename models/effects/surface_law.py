@@ -112,7 +112,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     if np.isfinite(h):
         was, found = at("lift", h, np.inf)
         parts.append(
-            f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the model {more(was)}"
+            f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the model "
+            f"{more(was)}"
         )
     if np.isfinite(d):
         was, found = at("pull", np.inf, d)
@@ -121,14 +122,16 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
         else:
             verb = "pushes"
         parts.append(
-            f"at {d:.2f} m the wall {verb} with {percent(found)} of the thrust, by the model {100.0 * was:.2g} %"
+            f"at {d:.2f} m the wall {verb} with {percent(found)} of the thrust, by the model "
+            f"{100.0 * was:.2g} %"
         )
     return "; ".join(parts)
 
 
 EFFECT = Effect(
     name="surface_law",
-    equation="dF = sum g F_model + T m(h/R, d/R), a gain g and a map m each for lift, pull and tilt (times R)",
+    equation="dF = sum g F_model + T m(h/R, d/R), a gain g and a map m each for lift, pull and "
+    "tilt (times R)",
     sign="lift > 0: more lift; pull, tilt > 0: towards the wall",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=(

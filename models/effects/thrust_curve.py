@@ -35,7 +35,10 @@ def _likely(ctx: Context) -> float:
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     high, low = (p["slope"] * u + p["curvature"] * u**2 for u in (0.2, -0.2))
-    return f"at 1.2 times hover thrust the rotors give {more(high)} than declared, at 0.8 times {more(low)}"
+    return (
+        f"at 1.2 times hover thrust the rotors give {more(high)} than declared, at 0.8 times "
+        f"{more(low)}"
+    )
 
 
 EFFECT = Effect(

@@ -81,7 +81,8 @@ def _remark(determined: Mapping[str, bool]) -> str | None:
     if determined["own_motion"]:
         return None
     return (
-        "how fast the wind blows hangs on the drag of the vehicle, which the flight does not say: usual drag is taken "
+        "how fast the wind blows hangs on the drag of the vehicle, which the flight does not "
+        "say: usual drag is taken "
         "(0.7, give or take 0.7, of momentum theory's), and the interval is wide"
     )
 
@@ -98,13 +99,17 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     speed = float(np.hypot(north, east))
     drag = float(_drag(ctx, {"own_motion": np.array(p["own_motion"])}))
     force = mean(ctx.mass_flow.sum(axis=-1)) * speed * drag
-    return f"wind of {speed:.2g} m/s from the {compass(-north, -east)} (it pushes with {force_words(ctx, force)})"
+    return (
+        f"wind of {speed:.2g} m/s from the {compass(-north, -east)} (it pushes with "
+        f"{force_words(ctx, force)})"
+    )
 
 
 EFFECT = Effect(
     name="wind",
     belongs_to=BelongsTo.WEATHER,
-    equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
+    equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above "
+    "the fans' references",
     sign="north, east > 0: the air moves to the north, east, with the speed w / k",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),

@@ -62,7 +62,8 @@ def fit(data: DataSet) -> FreeAir:
     if np.any(lift <= 0.0):
         worst = int(np.argmin(lift))
         raise ModelError(
-            f"data set {data.source}: free-air lift must be positive (Fz is up in the corner frame), "
+            f"data set {data.source}: free-air lift must be positive (Fz is up in the corner "
+            "frame), "
             f"not {lift[worst]:g} N at {rpm[worst]:g} rpm"
         )
     rpm_ref = float(np.exp(np.mean(np.log(rpm))))
@@ -94,7 +95,10 @@ def level(data: DataSet) -> DataSet:
     if not offset.any():
         return data
     named = ", ".join(f"{AXES[c]} {offset[c]:.2g}" for c in np.flatnonzero(offset))
-    note = f"offset over free-air lift at all places without a wall, subtracted everywhere: {named} (N or N m per N)"
+    note = (
+        "offset over free-air lift at all places without a wall, subtracted everywhere: "
+        f"{named} (N or N m per N)"
+    )
     return replace(data, wrench=data.wrench - lift * offset, notes=(*data.notes, note))
 
 

@@ -73,7 +73,8 @@ def compare(
     live = train.frame(data).live
     if not live.any():
         raise ModelError(
-            f"data set {data.source}: no component depends on the place beyond noise; nothing to compare"
+            f"data set {data.source}: no component depends on the place beyond noise; nothing to "
+            "compare"
         )
     notes += train.constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
@@ -229,7 +230,8 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
     }
     chosen = min(outside, key=lambda m: outside[m])
     why = (
-        f"held-out R^2 {mean[chosen]:.3f} (best: {best} {mean[best]:.3f}); error over the increments' RMS in "
+        f"held-out R^2 {mean[chosen]:.3f} (best: {best} {mean[best]:.3f}); error over the "
+        "increments' RMS in "
         f"regions left out whole {outside[chosen]:.2f}"
     )
     return {"method": chosen, "why": why}
@@ -240,7 +242,8 @@ def text(numbers: Mapping[str, Any]) -> str:
     scores = numbers["r2"]
     regions = numbers["regions"]
     lines = [
-        f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed {numbers['seed']}, "
+        f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed "
+        f"{numbers['seed']}, "
         f"{numbers['splits']} splits by place, {numbers['epochs']} epochs, {numbers['seconds']} s",
         *(f"Note: {note}" for note in numbers["notes"]),
         "",
@@ -290,7 +293,8 @@ def write_page(directory: Path, result: Comparison, command: str) -> Path:
         f"<h1>{escape(head)}</h1>",
         verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
         f"<pre>{escape(text(result.numbers))}</pre>",
-        f'<div class="plots">{"".join(_held_out(result, method) for method in train.METHODS)}</div>',
+        "<div "
+        f'class="plots">{"".join(_held_out(result, method) for method in train.METHODS)}</div>',
     ]
     return write_document("--report", directory / "report.html", document(head, parts))
 

@@ -255,7 +255,8 @@ def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
 def constant_notes(live: NDArray[np.bool_]) -> list[str]:
     """Words for components that were learnt as a constant."""
     return [
-        f"{AXES[c]} does not vary with the place beyond the data's noise: learnt as a constant share of the lift, "
+        f"{AXES[c]} does not vary with the place beyond the data's noise: learnt as a constant "
+        "share of the lift, "
         "R2 of its increments undefined"
         for c in np.flatnonzero(~live)
     ]

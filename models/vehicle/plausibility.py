@@ -100,14 +100,16 @@ def _masses(vehicle: Vehicle) -> Iterator[Check]:
     low, high = _DISC_LOADING_N_M2
     loading = vehicle.mass_kg * GRAVITY / (len(vehicle.fans) * vehicle.disc_area_m2)
     text = (
-        f"{vehicle.mass_kg:g} kg on {len(vehicle.fans)} discs of radius {vehicle.rotor_radius_m:g} m is {loading:.3g} "
+        f"{vehicle.mass_kg:g} kg on {len(vehicle.fans)} discs of radius "
+        f"{vehicle.rotor_radius_m:g} m is {loading:.3g} "
         f"N per m^2 of disc, and rotors carry {low:g} to {high:g}: check mass_kg and rotor_radius_m"
     )
     yield not low <= loading <= high, _error("mass_kg", text)
     gyration = math.sqrt(max(vehicle.inertia_kgm2) / vehicle.mass_kg)
     reach = _reach(vehicle)
     text = (
-        f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit {gyration:.2f} m from the CG, "
+        f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit "
+        f"{gyration:.2f} m from the CG, "
         f"and the vehicle reaches {reach:.2f} m"
     )
     yield gyration > _GYRATION_OVER_REACH * reach, _error("inertia_kgm2", text)
@@ -123,7 +125,8 @@ def _places(vehicle: Vehicle) -> Iterator[Check]:
         text = f"is the place of fan[{i}]: two fans cannot be in one place"
         yield apart < _SAME_PLACE_M, _error(f"fan[{j}].position_m", text)
         text = (
-            f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of {a.lip_radius_m:g} and "
+            f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of "
+            f"{a.lip_radius_m:g} and "
             f"{b.lip_radius_m:g} m: is a diameter given for a radius?"
         )
         yield (
@@ -159,7 +162,8 @@ def _rotor_speed(vehicle: Vehicle) -> Iterator[Check]:
         if fan.ct is not None:
             tip = math.sqrt(share / (fan.ct * RHO_SEA_LEVEL * vehicle.disc_area_m2))
             text = (
-                f"{fan.ct:g} means a hover with blade tips at {tip:.3g} m/s, and they move at {low:g} to {high:g}: "
+                f"{fan.ct:g} means a hover with blade tips at {tip:.3g} m/s, and they move at "
+                f"{low:g} to {high:g}: "
                 "C_T is T/(rho A Omega^2 R^2) of the whole fan"
             )
             yield not low <= tip <= high, _error(f"fan[{i}].ct", text)
@@ -224,7 +228,8 @@ def _slews(vehicle: Vehicle) -> Iterator[Check]:
         (limits.tilt_deg, limits.slew_tilt_deg_per_s, "slew_tilt_deg_per_s"),
     ):
         text = (
-            f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor offsets are to be "
+            f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor "
+            "offsets are to be "
             f"gone within {_GONE_S:g} s"
         )
         yield most / rate > _GONE_S * (1.0 + 1e-9), Finding(f"limits.{key}", text)

@@ -52,7 +52,8 @@ def _flights(a: argparse.Namespace) -> tuple[list[Path], list[Path]]:
         )
     if len(a.since) != 1 or not a.since[0].isdecimal() or int(a.since[0]) < 1:
         raise ConfigError(
-            f"--since {' '.join(a.since)}: with a folder, give the number of its first logs that are good"
+            f"--since {' '.join(a.since)}: with a folder, give the number of its first logs that "
+            "are good"
         )
     ordered = by_date(logs_in(a.logs[0])[0])
     first = int(a.since[0])

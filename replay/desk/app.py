@@ -131,7 +131,10 @@ class _Pages:
 
     def _version(self, drop: Drop) -> str:
         looked = sum(drop.info(log).exists() for log in drop.logs)
-        return f"{len(drop.logs)} {looked} {len(drop.asks)} {sum(not self._work.step(ask) for ask in drop.asks)}"
+        return (
+            f"{len(drop.logs)} {looked} {len(drop.asks)} "
+            f"{sum(not self._work.step(ask) for ask in drop.asks)}"
+        )
 
 
 def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlette:

@@ -16,7 +16,10 @@ docs/desk.md."""
 
 def add_parser(commands: Any) -> None:
     """Register ``serve`` with the subparsers of ``replay``."""
-    said = "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of replay diagnose."
+    said = (
+        "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of "
+        "replay diagnose."
+    )
     p = commands.add_parser(
         "serve",
         help="a page that diagnoses the logs dropped onto it",

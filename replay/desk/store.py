@@ -98,7 +98,8 @@ class Drop:
                     if file.tell() > most:
                         raise HTTPException(
                             413,
-                            f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself",
+                            f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use "
+                            "replay diagnose itself",
                         )
             if changed_s.isdecimal():
                 os.utime(part, (int(changed_s), int(changed_s)))

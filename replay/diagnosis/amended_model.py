@@ -38,7 +38,8 @@ def amended(
         np.max(thrust)
     ):
         raise ConfigError(
-            "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
+            "--save-model: the fans' ct differ, and a model directory holds one fan; train a "
+            "model for this vehicle"
         )
     if model is None:
         base = empty_model(vehicle)

@@ -221,7 +221,8 @@ class Diagnosis(Searched):
         lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults if not f.loss]
         lines += [text for fault in self.motor_losses for text in loss_text(fault)]
         lines += [
-            f"  {AXES[i]:3s} {size_text(before[i]):>8s} -> {size_text(after[i]):>8s} {unit_words(self.unit(i)[1])}"
+            f"  {AXES[i]:3s} {size_text(before[i]):>8s} -> {size_text(after[i]):>8s} "
+            f"{unit_words(self.unit(i)[1])}"
             for i in range(6)
             if np.isfinite(before[i])
         ]
@@ -264,7 +265,8 @@ class Diagnosis(Searched):
         ]
         unjudged = [name for name in AXES if name not in axes]
         lines = [
-            f"  judged: {', '.join(axes) or 'nothing'}; not judged: {', '.join(unjudged) or 'nothing'}"
+            f"  judged: {', '.join(axes) or 'nothing'}; not judged: "
+            f"{', '.join(unjudged) or 'nothing'}"
         ]
         seen = [f"{v.what} ({least_text(v)})" for v in self.could_have_seen]
         if seen:

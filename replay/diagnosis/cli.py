@@ -21,7 +21,8 @@ def add_parser(commands: Any) -> None:
         "diagnose",
         help="find what the declared model lacks, name it, and amend the model",
         epilog=_EPILOG,
-        description="Measured minus modelled wrench of recorded flights: which physical effect is missing, how large "
+        description="Measured minus modelled wrench of recorded flights: which physical effect "
+        "is missing, how large "
         "it is, and the error before and after adding it, on held-out time.",
     )
     p.add_argument(
@@ -85,7 +86,8 @@ def add_parser(commands: Any) -> None:
         "--since",
         nargs="+",
         metavar="GOOD",
-        help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
+        help="good flights of the vehicle: name only what changed since (with a folder: how many "
+        "of its first logs)",
     )
     add_source_option(p)
     add_answer_options(p)

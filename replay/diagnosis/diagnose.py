@@ -135,7 +135,8 @@ def read_records(
         records += [replace(own.records[0], name=path.name)] if alone else own.records
         if boot:
             notes.append(
-                f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own"
+                f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of "
+                "its own"
             )
         notes += [f"{path.name}: {note}" for note in (*own.notes(), *said)]
     if not records:
@@ -168,7 +169,8 @@ def _left_out(what: Sequence[str]) -> list[str]:
     if not what:
         return []
     return [
-        f"left out of the search, which would take too long: {', '.join(what)}; a part of the flight takes less"
+        f"left out of the search, which would take too long: {', '.join(what)}; a part of the "
+        "flight takes less"
     ]
 
 
@@ -178,7 +180,8 @@ def _one_wind(answer: Diagnosis) -> list[str]:
     if kept == "100%":
         return []
     return [
-        f"one flight in one wind does not separate drag from wind: an amended model keeps {kept} of the drag and of "
+        f"one flight in one wind does not separate drag from wind: an amended model keeps {kept} "
+        "of the drag and of "
         "the inflow; diagnose it together with a flight in another wind"
     ]
 

@@ -40,6 +40,9 @@ def model_faults(records: Sequence[Record], chosen: Choice | None) -> list[dict[
                 source = "vehicle file"
             else:
                 source = "model"
-            what = f"{record.name}: modelled lift is {ratio:.2g} times the lift that flew; of another vehicle?"
+            what = (
+                f"{record.name}: modelled lift is {ratio:.2g} times the lift that flew; of "
+                "another vehicle?"
+            )
             out.append({"channel": source, "what": what})
     return out

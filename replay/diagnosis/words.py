@@ -151,7 +151,8 @@ def kept_words(effect: Effect) -> str:
     if not effect.kept:
         if effect.stays is not None:
             left = [
-                f"what of it is the vehicle's, as {listed([plain(name) for name in effect.contains])}"
+                "what of it is the vehicle's, as "
+                f"{listed([plain(name) for name in effect.contains])}"
             ]
         if left:
             rest = f"; the amended model keeps {listed(left)}"

@@ -25,7 +25,8 @@ def add_parser(commands: Any) -> None:
         "export",
         help="a log and the decisions on it as Parquet, CSV or MCAP, with units",
         epilog=_EPILOG,
-        description="Everything a log holds, and what the companion decides on it, in SI units on the vehicle's boot "
+        description="Everything a log holds, and what the companion decides on it, in SI units "
+        "on the vehicle's boot "
         "clock: as one table, or as MCAP for Foxglove.",
     )
     p.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")

@@ -68,7 +68,8 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
         write_json({"folder": str(folder), "logs": answers, **written}, a.json)
     if speaks(a):
         print(
-            f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: {written['page']}"
+            f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: "
+            f"{written['page']}"
         )
     if len(bad) < len(jobs):
         return 0

@@ -50,12 +50,14 @@ def _diagnosed(judged: Sequence[Answer]) -> tuple[str, str]:
     if not common:
         return (
             "Some logs show an effect, most do not",
-            "look at those logs one by one: the effect belongs to a flight, not to the vehicle. Adopt nothing for all.",
+            "look at those logs one by one: the effect belongs to a flight, not to the vehicle. "
+            "Adopt nothing for all.",
         )
     names = "; ".join(" or ".join(name.replace("_", " ") for name in group) for group in common)
     return (
         f"Most logs show the same effect: {names}",
-        "diagnose a few of these logs together, by their names: that confirms it and gives one size for the vehicle.",
+        "diagnose a few of these logs together, by their names: that confirms it and gives one "
+        "size for the vehicle.",
     )
 
 

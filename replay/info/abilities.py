@@ -122,7 +122,10 @@ def _rotors(log: FlightLog, vehicle: Vehicle | None) -> Judged:
         why = "no rotor speeds"
     if log.servo is not None:
         why += "; servo outputs are there"
-        change = f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)"
+        change = (
+            f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] "
+            "(--save-vehicle drafts it)"
+        )
         return Extent.PARTLY, why, change
     change = (
         f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {change_for(log, 'servo')}"

@@ -209,7 +209,8 @@ def _overlap_s(interval: Interval, other: Interval) -> float:
 def _boot_text(boot: BootInfo) -> list[str]:
     modes = ", ".join(f"{name} {s:.0f} s" for name, s in boot.modes_s.items())
     out = [
-        f"boot {boot.boot + 1}: system {boot.system}, {boot.autopilot}, {boot.duration_s:.1f} s, armed "
+        f"boot {boot.boot + 1}: system {boot.system}, {boot.autopilot}, {boot.duration_s:.1f} s, "
+        "armed "
         f"{boot.armed_s:.1f} s{f' ({modes})' if modes else ''}, {boot.parameters} parameters",
         f"  {'holds':<26} {'samples':>8} {'rate':>9} {'gaps':>5} {'longest':>8}  from",
     ]
@@ -223,7 +224,8 @@ def _boot_text(boot: BootInfo) -> list[str]:
         else:
             good = f", {s.share_good:.0%} good"
         out.append(
-            f"  {s.name:<26} {s.count:>8} {rate:>9} {s.gaps:>5} {s.longest_gap_s:>6.2f} s  {s.source}{good}"
+            f"  {s.name:<26} {s.count:>8} {rate:>9} {s.gaps:>5} {s.longest_gap_s:>6.2f} s  "
+            f"{s.source}{good}"
         )
     out += [f"  read from {note}" for note in boot.read_from]
     out.append("  can be judged")

@@ -17,7 +17,8 @@ _TLOG_ARDUPILOT = {
     "attitude": "SRx_EXTRA1 50",
     "position": "SRx_POSITION 20, and a position estimate (GPS, optical flow or external vision)",
     "range": "RNGFNDn_TYPE, RNGFNDn_ORIENT ({}) and SRx_EXTRA3 20",
-    "rpm": "SERVO_BLH_AUTO 1 with SERVO_BLH_TRATE 50 (or bidirectional DShot: SERVO_BLH_BDMASK) and SRx_EXTRA1 50",
+    "rpm": "SERVO_BLH_AUTO 1 with SERVO_BLH_TRATE 50 (or bidirectional DShot: SERVO_BLH_BDMASK) "
+    "and SRx_EXTRA1 50",
     "servo": "SRx_RC_CHAN 50",
     "battery": "BATT_MONITOR and SRx_EXT_STAT 2",
     "pressure": "SRx_RAW_SENS 2 or more",
@@ -42,9 +43,11 @@ _TLOG_PX4 = {
     "imu": "MAV_x_MODE 2 (onboard), or SET_MESSAGE_INTERVAL of HIGHRES_IMU (105)",
     "attitude": "MAV_x_MODE 2 (onboard)",
     "position": "MAV_x_MODE 2 (onboard), and a position estimate (GPS, flow or vision)",
-    "range": "the sensor's own SENS_EN_… or SENS_…_CFG, its rotation parameter ({}), and SET_MESSAGE_INTERVAL of "
+    "range": "the sensor's own SENS_EN_… or SENS_…_CFG, its rotation parameter ({}), and "
+    "SET_MESSAGE_INTERVAL of "
     "DISTANCE_SENSOR (132)",
-    "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), MOT_POLE_COUNT, and "
+    "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), "
+    "MOT_POLE_COUNT, and "
     "SET_MESSAGE_INTERVAL of ESC_STATUS (291)",
     "servo": "MAV_x_MODE 2 (onboard), or SET_MESSAGE_INTERVAL of SERVO_OUTPUT_RAW (36)",
     "battery": "BAT1_SOURCE and its scale parameters",
@@ -60,7 +63,8 @@ _ULG = {
     ),
     "position": "a position estimate (GPS, flow or vision)",
     "range": "the sensor's own SENS_EN_… or SENS_…_CFG and its rotation parameter ({})",
-    "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), and MOT_POLE_COUNT",
+    "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), and "
+    "MOT_POLE_COUNT",
     "temperature": "ESCs that report it: DSHOT_TEL_CFG",
     "parameters": "nothing: PX4 writes them at the start of a log; was the file cut?",
 }

@@ -510,7 +510,8 @@ class _Walk:
         if undeclared:
             types = ", ".join(map(str, sorted(undeclared)))
             out.append(
-                f"{sum(undeclared.values())} messages not read: no FMT declares their type ({types})"
+                f"{sum(undeclared.values())} messages not read: no FMT declares their type "
+                f"({types})"
             )
         out += [
             f"{name} is declared anew in the midst of the log{gone}"

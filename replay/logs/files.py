@@ -47,7 +47,10 @@ def _check_memory(path: Path, size: int) -> None:
     needed = _MEMORY_PER_BYTE * size
     free = free_bytes()
     if needed > free:
-        sizes = f"{size / 1e9:.2g} GB of log need some {needed / 1e9:.2g} GB of memory, {free / 1e9:.2g} GB are free"
+        sizes = (
+            f"{size / 1e9:.2g} GB of log need some {needed / 1e9:.2g} GB of memory, "
+            f"{free / 1e9:.2g} GB are free"
+        )
         raise LogError(f"{path}: {sizes}: cut it into parts, or use a machine with more")
 
 

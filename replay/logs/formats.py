@@ -81,7 +81,10 @@ def _advice_on_text(path: Path) -> str:
     head = _head(path)
     if not head.strip() or b"\0" in head or not head.isascii():
         return ""
-    return "; it is text, but no dataflash log (no FMT line): give the .BIN, .tlog or .ulg that it was made from"
+    return (
+        "; it is text, but no dataflash log (no FMT line): give the .BIN, .tlog or .ulg that "
+        "it was made from"
+    )
 
 
 def load(
@@ -97,7 +100,8 @@ def load(
     path = Path(path)
     if path.is_dir():
         raise LogError(
-            f"{path}: is a directory: name the logs in it; replay run, diagnose and info take directories"
+            f"{path}: is a directory: name the logs in it; replay run, diagnose and info take "
+            "directories"
         )
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")

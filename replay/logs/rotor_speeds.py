@@ -56,7 +56,8 @@ def believable_escs(escs: Mapping[int, EscRecord]) -> tuple[dict[int, EscRecord]
         lost = len(esc.rpm) - (0 if speeds is None else len(speeds))
         if lost > WORTH_A_NOTE * len(esc.rpm):
             notes.append(
-                f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost frames: left out"
+                f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost "
+                "frames: left out"
             )
         known[number] = replace(esc, rpm=speeds)
     copies = _repeated(known)

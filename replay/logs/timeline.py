@@ -113,7 +113,8 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
             stamps.append(log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
     if not places:
         raise LogError(
-            f"{log.path}: no stamped message of the autopilot (system {system}), such as ATTITUDE: no time axis"
+            f"{log.path}: no stamped message of the autopilot (system {system}), such as "
+            "ATTITUDE: no time axis"
         )
     place = np.concatenate(places)
     stamp = np.concatenate(stamps)
@@ -124,7 +125,8 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
     if (np.diff(stamp[good]) < -_BACK_MS).sum() > _TWO_CLOCKS * len(stamp):
         raise LogError(
             f"{log.path}: two autopilots send as system {system}, each with its own boot clock: "
-            "give each vehicle its own number (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID) and record again"
+            "give each vehicle its own number (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID) and record "
+            "again"
         )
     good[outliers(stamp, _BACK_MS)] = False
     place = place[good]

@@ -165,7 +165,10 @@ class _Boot:
         why = "messages without a boot stamp are placed by their arrival"
         if steps:
             moved = ", ".join(f"{step.by_us / 1e6:+.3g} s" for step in steps[:_SHOWN])
-            why = f"the receiver's clock moved against it {len(steps)} times ({moved}); that is taken out"
+            why = (
+                f"the receiver's clock moved against it {len(steps)} times ({moved}); that is "
+                "taken out"
+            )
         return SourceChoice(
             quantity="clock",
             chosen="time_boot_ms of the autopilot",
@@ -264,7 +267,8 @@ class _Boot:
             direction = beam_direction(int(orientation), mounting(one["q"]))
             if direction is None:
                 self._notes.append(
-                    f"DISTANCE_SENSOR {sensor} of component {component}: orientation {orientation} cannot be resolved; "
+                    f"DISTANCE_SENSOR {sensor} of component {component}: orientation "
+                    f"{orientation} cannot be resolved; "
                     f"{len(one)} readings ignored"
                 )
                 continue

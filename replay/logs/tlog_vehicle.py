@@ -70,7 +70,8 @@ def choose(log: Tlog, target: int | None = None) -> VehicleChoice:
     vehicles = vehicles or np.flatnonzero(motion).tolist()
     if not vehicles:
         raise LogError(
-            f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot (component 1)"
+            f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot "
+            "(component 1)"
         )
     flying = {s: len(vehicles) == 1 or (s in armed and _rotors_turned(log, s)) for s in vehicles}
     ranked = sorted(vehicles, key=lambda s: (-flying[s], -motion[s], s))
@@ -80,7 +81,8 @@ def choose(log: Tlog, target: int | None = None) -> VehicleChoice:
         )
     if target not in ranked:
         raise LogError(
-            f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}"
+            f"{log.path}: no vehicle with system id {target}; it holds "
+            f"{', '.join(map(str, ranked))}"
         )
     return VehicleChoice(target, heartbeat=heartbeat)
 

@@ -323,7 +323,8 @@ class _Reader:
             series = topic.series(topic.columns("current_distance", "signal_quality"))
             if direction is None or series is None:
                 self._notes.append(
-                    f"distance_sensor {number}: orientation {orientation} cannot be resolved; ignored"
+                    f"distance_sensor {number}: orientation {orientation} cannot be resolved; "
+                    "ignored"
                 )
                 continue
             low, high = (
@@ -392,7 +393,8 @@ class _Reader:
         if series is None:
             return ()
         self._notes.append(
-            "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, not slant"
+            "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, "
+            "not slant"
         )
         return (
             range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),

@@ -21,7 +21,8 @@ def add_parser(commands: Any) -> None:
         "predict",
         help="the error of a model on flights that it was not made from",
         epilog=EXIT_CODES,
-        description="Measured minus modelled wrench of flights that a model was not made from, with and without its "
+        description="Measured minus modelled wrench of flights that a model was not made from, "
+        "with and without its "
         "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
     )
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
@@ -35,7 +36,8 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--frozen",
         action="store_true",
-        help="fit nothing; without it, wind, load and accelerometer offset come from the first 20 s of each flight",
+        help="fit nothing; without it, wind, load and accelerometer offset come from the first "
+        "20 s of each flight",
     )
     add_answer_options(p)
     p.set_defaults(run=run)

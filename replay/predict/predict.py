@@ -151,13 +151,15 @@ def predict(
     ]
     flights = [f for f in made if f.seconds >= LEAST_S]
     notes += [
-        f"left out: {f.record.name}: too short to judge after the first {LEARNING_S:.0f} s; try --frozen"
+        f"left out: {f.record.name}: too short to judge after the first {LEARNING_S:.0f} s; try "
+        "--frozen"
         for f in made
         if f.seconds < LEAST_S
     ]
     if not flights:
         raise LogError(
-            f"{logs[0]}: too short to judge a model: {LEARNING_S + LEAST_S:.0f} s of flight are needed"
+            f"{logs[0]}: too short to judge a model: {LEARNING_S + LEAST_S:.0f} s of flight are "
+            "needed"
         )
     if not model.effects:
         notes.append("the model has no adopted effects: with and without them is the same")

@@ -91,12 +91,14 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
     size = f"largest offsets ({thrust:.1%} of full thrust, {tilt:.1f} degrees)"
     if thrust > _SMALL_THRUST or tilt > _SMALL_TILT_DEG:
         return head, (
-            f"look at the moments of the {size}: are height and wall distance right there? For the first flight "
+            f"look at the moments of the {size}: are height and wall distance right there? For "
+            "the first flight "
             "set smaller ones under [limits] in the vehicle file."
         )
     return (
         head,
-        f"the {size} are small enough for a first flight with offsets: checklist in docs/install.md.",
+        f"the {size} are small enough for a first flight with offsets: checklist in "
+        "docs/install.md.",
     )
 
 

@@ -59,7 +59,8 @@ class RunReport:
         """A few lines for a person."""
         numbers = self.as_json()
         head = [
-            f"{self.log.name}: {numbers['samples']} samples of system {self.replay.system}, {self.boots} boot(s), "
+            f"{self.log.name}: {numbers['samples']} samples of system {self.replay.system}, "
+            f"{self.boots} boot(s), "
             f"{100.0 * numbers['share_compensated']:.1f} % of the time compensated",
         ]
         head += [f"  note: {note}" for note in self.notes]

@@ -197,7 +197,8 @@ def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:
         rings = target == "wall" and len(log.rings) > 0
         if sensors and not rings and not any(beam is not None and len(beam.good) for beam in beams):
             notes.append(
-                f"no range to the {target} in the log, but a declared rangefinder: taken to be far away"
+                f"no range to the {target} in the log, but a declared rangefinder: taken to be "
+                "far away"
             )
     return notes
 

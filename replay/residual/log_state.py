@@ -59,7 +59,8 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
         lacking = ", ".join(str(r.esc) for r in vehicle.rotors if r.esc not in known)
         if lacking:
             raise LogError(
-                f"{log.path}: no rotor speed of ESC {lacking} ({called(log.path, 'rotor speeds')}); "
+                f"{log.path}: no rotor speed of ESC {lacking} "
+                f"({called(log.path, 'rotor speeds')}); "
                 "log it, or declare [throttle] and servo outputs in the vehicle file"
             )
     elif log.servo is None:

@@ -69,12 +69,14 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
     if end - start < SHORTEST_S:
         raise LogError(
-            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {ENOUGH_S:.0f} s at least"
+            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record "
+            f"{ENOUGH_S:.0f} s at least"
         )
     rate = min(imu.specific_force.rate_hz, FASTEST_HZ)
     if rate < FORCE_RATE_HZ:
         raise LogError(
-            f"{log.path}: {imu.source} at {rate:.1f} Hz is too slow for forces; ask for {FORCE_RATE_HZ:.0f} Hz or more"
+            f"{log.path}: {imu.source} at {rate:.1f} Hz is too slow for forces; ask for "
+            f"{FORCE_RATE_HZ:.0f} Hz or more"
         )
     # A quarter of the rate is carried by linear interpolation; rotor speeds are no better known than they are sent.
     grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0, rotor_rate_hz(log, vehicle) / 4.0))

@@ -83,7 +83,10 @@ def _reassigned(log: FlightLog, ctx: Context, flying: Mask) -> list[LogFault]:
                 continue
             gone.add(motor)
             where = _where(ctx.vehicle, _fan_of_output(ctx.vehicle, output), output)
-            what = f"motor {motor}{where} is switched off from {change.t_s:.1f} s on: {change.name} was set to "
+            what = (
+                f"motor {motor}{where} is switched off from {change.t_s:.1f} s on: "
+                f"{change.name} was set to "
+            )
             what += f"{change.after:g} (before: {change.before:g})"
             out.append(_all_lost(f"servo_{output}", what, change.t_s, motor))
     return out
@@ -108,7 +111,10 @@ def _switched_off(at: _At, off: Lost) -> LogFault:
     fan = at.ctx.vehicle.rotor_fan[off.rotor]
     output = _output(at.ctx.vehicle, fan)
     named = f"motor {fan + 1}{_where(at.ctx.vehicle, fan, output)}"
-    what = f"{named} is switched off from {at.since_s:.1f} s on: its output falls below what a motor gets in flight"
+    what = (
+        f"{named} is switched off from {at.since_s:.1f} s on: its output falls below what a "
+        "motor gets in flight"
+    )
     return _all_lost(f"servo_{output}", what, at.since_s, fan + 1)
 
 
@@ -124,14 +130,23 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
     named = f"motor {fan + 1}{_where(at.ctx.vehicle, fan, number)}"
     speed = float(np.nanmedian(at.ctx.state.rpm[at.seconds, lost.rotor]))
     if not lost.faster and not _answered(at, number):
-        what = f"falls to {speed:.0f} rpm from {at.since_s:.1f} s on and its output does not answer: telemetry is lost"
+        what = (
+            f"falls to {speed:.0f} rpm from {at.since_s:.1f} s on and its output does not "
+            "answer: telemetry is lost"
+        )
         return LogFault(f"rpm_{number}", what, since_s=at.since_s)
     if lost.faster:
-        how = f"turns without load from {at.since_s:.1f} s on ({speed:.0f} rpm): its propeller is gone"
+        how = (
+            f"turns without load from {at.since_s:.1f} s on ({speed:.0f} rpm): its propeller "
+            "is gone"
+        )
     elif speed < 0.05 * float(np.nanmedian(at.ctx.state.rpm)):
         how = f"stands from {at.since_s:.1f} s on"
     else:
-        how = f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it stalls, or lost step"
+        how = (
+            f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it "
+            "stalls, or lost step"
+        )
     return _all_lost(f"rpm_{number}", named + " " + how + _signs(at, fan), at.since_s, fan + 1)
 
 

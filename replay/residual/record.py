@@ -201,7 +201,10 @@ def too_short(record: Record) -> LogError:
         why = ""
     # Rounded down: 7.8 s are not the 8 s that are needed.
     seconds = math.floor(10.0 * record.seconds) / 10.0
-    short = f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s are needed"
+    short = (
+        f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s "
+        "are needed"
+    )
     failed = "".join(f"; {fault.what}" for fault in record.faults if fault.motors)
     return LogError(short + failed)
 
@@ -210,5 +213,6 @@ def check_model(vehicle: Vehicle, model: FanSurrogate | None) -> None:
     """ConfigError where the empty model is asked of a vehicle file without ``ct``."""
     if model is None and vehicle.telemetered and any(f.ct is None for f in vehicle.fans):
         raise ConfigError(
-            "vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it"
+            "vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to "
+            "replace it"
         )

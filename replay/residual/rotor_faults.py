@@ -64,9 +64,15 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
         elif spread[k] < STUCK_SHARE * usual and spread[k] < STUCK_BESIDE * varies:
             what = f"stays at {rpm:.0f} rpm while the others vary"
         elif tip > SOUND_M_S:
-            what = f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor (poles, gear, unit)"
+            what = (
+                f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor "
+                "(poles, gear, unit)"
+            )
         elif len(typical) > 2 and (rpm < OTHER_SPEED[0] * usual or rpm > OTHER_SPEED[1] * usual):
-            what = f"is {rpm / usual:.2g} times the other rotors': not the speed of this rotor (poles, gear, unit)"
+            what = (
+                f"is {rpm / usual:.2g} times the other rotors': not the speed of this rotor "
+                "(poles, gear, unit)"
+            )
         else:
             continue
         out.append(LogFault(_channel(vehicle, k), what))
@@ -264,7 +270,10 @@ def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> li
     if vehicle.telemetered:
         values = ctx.state.rpm[flying]
         most = EQUAL_RPM
-        what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
+        what = (
+            "all rotor speeds are copies of one number while the vehicle turns: moments "
+            "cannot be judged"
+        )
     else:
         assert log.servo is not None
         values = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]

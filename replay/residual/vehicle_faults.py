@@ -50,7 +50,10 @@ def wrong_lift(ctx: Context, flying: Mask) -> list[LogFault]:
     low, high = JUDGED
     if not np.isfinite(ratio) or low <= ratio <= high:
         return []
-    what = f"declared lift is {ratio:.2g} times the lift that flew: mass, rotors or thrust of another vehicle"
+    what = (
+        f"declared lift is {ratio:.2g} times the lift that flew: mass, rotors or thrust of "
+        "another vehicle"
+    )
     speed = math.sqrt(ratio)
     if ctx.vehicle.telemetered and not POLES_LEAST[0] < speed < POLES_LEAST[1]:
         carried = f"carries {ctx.vehicle.mass_kg:.3g} kg with such propellers"
@@ -84,7 +87,10 @@ def exchanged_fans(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFa
     best = max(orders, key=lambda o: round(fit[o], 6))
     if best == declared or fit[best] < FITS or fit[declared] > FITS_LESS * fit[best]:
         return []
-    what = f"declared moments oppose the angular acceleration: {orders[best]} are exchanged (r = {fit[best]:.2f} so)"
+    what = (
+        f"declared moments oppose the angular acceleration: {orders[best]} are exchanged (r = "
+        f"{fit[best]:.2f} so)"
+    )
     return [LogFault("vehicle file", what)]
 
 

@@ -83,13 +83,15 @@ def airframe(log: FlightLog) -> Airframe:
     frame = _frame(log, seen)
     if frame is None:
         raise LogError(
-            f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? give --vehicle"
+            f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? "
+            "give --vehicle"
         )
     numbers = _numbers(log, frame.motors)
     count = len(frame.motors)
     if len(turning) > count:
         raise LogError(
-            f"{log.path}: {frame.source}: {count} motors, but {len(turning)} ESCs turn; give --vehicle"
+            f"{log.path}: {frame.source}: {count} motors, but {len(turning)} ESCs turn; give "
+            "--vehicle"
         )
     by_motor = {m.number: m.number for m in frame.motors}
     in_order = dict(zip(by_motor, sorted(speeds), strict=False))
@@ -153,7 +155,8 @@ def _frame(log: FlightLog, seen: int) -> Airframe | None:
             else:
                 verb = "has"
             raise LogError(
-                f"{log.path}: {said.said} {verb} {said.count} motors, and MAV_TYPE {log.vehicle_type} has {count}; "
+                f"{log.path}: {said.said} {verb} {said.count} motors, and MAV_TYPE "
+                f"{log.vehicle_type} has {count}; "
                 "give --vehicle"
             )
         return _of_firmware(said, said.count or count or seen)
@@ -268,7 +271,8 @@ def _check_outputs(
     most = float(np.nanpercentile(used, 99.0))
     if key and most > high + _BEYOND * (high - low):
         raise LogError(
-            f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach {most:.0f} us"
+            f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach "
+            f"{most:.0f} us"
         )
 
 

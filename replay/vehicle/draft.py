@@ -265,7 +265,8 @@ def _refuse_two(logs: Sequence[FlightLog]) -> None:
             what = "hold rotor speeds in the one and outputs alone in the other"
         if what:
             raise ConfigError(
-                f"{logs[sure].path} and {log.path} {what}: diagnose them one by one, or give --vehicle"
+                f"{logs[sure].path} and {log.path} {what}: diagnose them one by one, or give "
+                "--vehicle"
             )
 
 

@@ -26,7 +26,9 @@ _BICOPTER = "a bicopter"
 _SIX_AXES = "a vehicle with rotors in all directions"
 
 _MAV_TYPES = {
-    1: _AEROPLANE, 3: "a coaxial helicopter", 4: _HELICOPTER, 5: _TRACKER, 7: _AIRSHIP, 8: "a balloon", 9: "a rocket",
+    1: _AEROPLANE, 3: "a coaxial helicopter", 4: _HELICOPTER, 5: _TRACKER, 7: _AIRSHIP, 8: "a "
+                                                                                           "balloon", 9: "a "
+                                                                                                         "rocket",
     10: _ROVER, 11: _BOAT, 12: _SUBMARINE, 16: "a flapping-wing aircraft", 17: "a kite",
     **dict.fromkeys(range(19, 26), _VTOL), 28: "a parafoil",
 }  # fmt: skip

@@ -73,7 +73,10 @@ def figure(
         f"<figcaption><b>{escape(title)}</b>{keys(lines, bands) if keyed else ''}</figcaption>"
     )
     box = f'viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}"'
-    return f"<figure>{caption}<svg {box}>{_panel(lines, x_label, y_label, bands, WIDTH)}</svg></figure>"
+    return (
+        f"<figure>{caption}<svg "
+        f"{box}>{_panel(lines, x_label, y_label, bands, WIDTH)}</svg></figure>"
+    )
 
 
 def keys(lines: Sequence[Line], bands: Sequence[Band] = ()) -> str:
@@ -103,9 +106,13 @@ def picture(
     xs = _Scale(np.concatenate([line.x for line in every]), _LEFT, WIDE - _RIGHT)
     for band in bands:
         middle = xs(0.5 * (band.start + band.end))
-        names += f'<text x="{middle:.1f}" y="{_NAMES + _TOP - 5}" text-anchor="middle">{escape(band.label)}</text>'
+        names += (
+            f'<text x="{middle:.1f}" y="{_NAMES + _TOP - 5}" '
+            f'text-anchor="middle">{escape(band.label)}</text>'
+        )
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {_NAMES + HEIGHT * len(panels)}" role="img">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} '
+        f'{_NAMES + HEIGHT * len(panels)}" role="img">'
         f"<title>{escape(title)}</title><style>{STYLE}</style>"
         f'<rect width="100%" height="100%" fill="var(--paper)"/>{names}{drawn}</svg>\n'
     )
