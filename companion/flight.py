@@ -59,9 +59,12 @@ _HAND_OVER_PERIOD_S = 0.05
 """As often as attitudes bring setpoints, or a little less."""
 _LAST_WORD_PERIOD_S = 0.1
 """Three in the silence after which the second process speaks (last_word.SILENCE_S)."""
-_DEAF_S, _DEAF_UNTIL_S, _DEAF_PERIOD_S = 0.3, 1.5, 0.1
+_DEAF_S = 0.3
+_DEAF_UNTIL_S = 1.5
+_DEAF_PERIOD_S = 0.1
 """Without attitudes for so long, and until then, the autopilot is sent a place: it would keep the last tilt."""
-_STALL_S, _AFTER_STALL_S = 0.3, 1.5
+_STALL_S = 0.3
+_AFTER_STALL_S = 1.5
 """A loop that did not run for so long stood still; for so long after it nothing that came late is blamed."""
 _ASK_CLOCK_S = 0.1
 """Telemetry later than this may be a clock that stood still: the hold would allow for lateness that is none."""

@@ -35,7 +35,9 @@ from models.common.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 from models.vehicle.vehicle import NO_ORIENTATION
 
-_COMMAND_LONG, _SET_MESSAGE_INTERVAL, _NAMED_VALUE_FLOAT = 76, 511, 251
+_COMMAND_LONG = 76
+_SET_MESSAGE_INTERVAL = 511
+_NAMED_VALUE_FLOAT = 251
 """MAVLink numbers: a message, the one command in it that is sent, and a message."""
 _DECLARED = {
     ID_OF[name]
@@ -50,7 +52,8 @@ _DECLARED = {
         "SET_POSITION_TARGET_LOCAL_NED",
     )
 }
-_THROTTLE_IGNORED, _ON_GROUND = 64, 1
+_THROTTLE_IGNORED = 64
+_ON_GROUND = 1
 """ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND."""
 
 ZERO_AFTER_S = 0.5
@@ -75,7 +78,9 @@ _SAME_BEAM_COS = 0.98
 """Two beams within 11 degrees look the same way."""
 _SLEW_GAP_S = 0.1
 """A longer time between two decisions counts as this."""
-_FLIES_SHARE, _FLOWN_SHARE, _ABOVE_STANDING_M = 0.6, 0.02, 0.08
+_FLIES_SHARE = 0.6
+_FLOWN_SHARE = 0.02
+_ABOVE_STANDING_M = 0.08
 """Lift, as the square of rotor speeds, that carries a vehicle, of that in flight; share of a new value in its average;
 and how much further away the ground is than where the vehicle stood."""
 

@@ -19,7 +19,8 @@ import sys
 import time
 from collections.abc import Sequence
 
-TIMES, PERIOD_S = 10, 0.1
+TIMES = 10
+PERIOD_S = 0.1
 """A lost datagram must not be the end; the autopilot takes a repeated target as the same."""
 SILENCE_S = 0.3
 """Without a renewal this long the parent stands still: three missed. A tilt left behind for 0.5 s moves the vehicle

@@ -86,12 +86,14 @@ _UPSTREAM_DAMPING_1_S = 2.0
 _LEAST_THRUST_SHARE = 0.3
 """Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
 _MOST_THRUST_ABOVE_HOVER = 0.35
-_RETURN_S, _RETURN_M = 10.0, 1.0
+_RETURN_S = 10.0
+_RETURN_M = 1.0
 """A hold that engages again so soon and so near goes back to the place that it had to leave."""
 _SENSED = (est.Seen.SURFACE, est.Seen.NOTHING)
 _NEAR_RADII = 4.0
 """Rotor radii from lip to wall within which its pull is felt: the models' data end at 3.8."""
-MIN_THRUST, MAX_THRUST = 0.05, 0.95
+MIN_THRUST = 0.05
+MAX_THRUST = 0.95
 """Of the hold's commands."""
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""

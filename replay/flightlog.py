@@ -27,7 +27,8 @@ _SAME_DIRECTION = math.cos(math.radians(20.0))
 """A beam belongs to the body axis within 20 degrees of it: mounts are seldom truer, neighbouring orientations are 45
 degrees apart."""
 
-_STRETCH_S, _ONE_STRETCH_BYTES = 2100.0, 32 * 2**20
+_STRETCH_S = 2100.0
+_ONE_STRETCH_BYTES = 32 * 2**20
 """A stretch is no longer than 35 minutes; a log of so many bytes is one."""
 
 

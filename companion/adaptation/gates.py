@@ -14,9 +14,11 @@ from models.surrogate.empty import is_empty
 
 NO_IMU = "no accelerometer"
 NOT_FLYING = "not flying, or taking off or landing"
-SURFACE_UNKNOWN, SURFACE_STEP = "a range is not believed", "ground or wall jumped"
+SURFACE_UNKNOWN = "a range is not believed"
+SURFACE_STEP = "ground or wall jumped"
 """Reasons to pause that others look for."""
-_TAKING_OFF, _LANDING = 3, 4
+_TAKING_OFF = 3
+_LANDING = 4
 """MAV_LANDED_STATE."""
 _AIRBORNE_S = 2.0
 _NEAR_WALL_M = 0.03

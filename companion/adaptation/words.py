@@ -17,7 +17,8 @@ NAMED = (
     ("ad_we", "wind_east"),
 )
 """NAMED_VALUE_FLOAT and the size that it carries."""
-_TELL, _SURE = 0.25, 2.0
+_TELL = 0.25
+_SURE = 2.0
 """A share that moved by so much is reported again, once the size is so many standard deviations from the model's."""
 _CONTRADICTED = 0.5
 """Probability of the model in a channel, below which the pilot reads that it is contradicted."""

@@ -15,7 +15,8 @@ from companion.mavlink.samples import Heartbeat
 from models.common.frozen_copy import replace
 from models.vehicle import Vector3
 
-_SETTLED_CLIMB_M_S, _SETTLED_S = 0.25, 1.0
+_SETTLED_CLIMB_M_S = 0.25
+_SETTLED_S = 1.0
 """A take-off is over when the vertical speed has been below that for so long."""
 _BALANCE_MEAN_S = 1.0
 """Average of the tilt that balances wind before the hold engages."""

@@ -15,7 +15,8 @@ LEARNED_S = 1.0
 HEARD_AGE_S = 1.0
 DISAGREEMENT = 0.15
 """Parameter and vehicle file may differ by this share where nothing could be learned."""
-_LOW, _HIGH = 0.05, 0.95
+_LOW = 0.05
+_HIGH = 0.95
 """Thrust outside of this is idling or full power, never hovering."""
 _MIN_SHARE = 0.005
 """Of one message in the average: stamps that stand still must not stop the learning."""

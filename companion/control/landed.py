@@ -8,7 +8,9 @@ from typing import NamedTuple
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
 
-ON_GROUND, IN_AIR, TAKE_OFF = 1, 2, 3
+ON_GROUND = 1
+IN_AIR = 2
+TAKE_OFF = 3
 """MAV_LANDED_STATE."""
 AIRBORNE_AFTER_S = 1.0
 """So long in the air, it flies."""

@@ -71,12 +71,14 @@ _ARDUPILOT_INPUT_TC_S = 0.15
 """Default of ATC_INPUT_TC."""
 _PX4_ANGLE_P = 6.5
 """Default of MC_ROLL_P and MC_PITCH_P."""
-_ARDUPILOT_DELAY_S, _PX4_DELAY_S = 0.09, 0.10
+_ARDUPILOT_DELAY_S = 0.09
+_PX4_DELAY_S = 0.10
 """Dead time of link, scheduling and rate loop: fitted to recordings of ArduCopter 4.6.3 (ATC_INPUT_TC 0.15 and 0.3) and
 PX4 1.16 in simulation, which the two laws of ``declared_loop`` meet within 0.03 s of total lag."""
 _PX4_LAG_SHARE = 1.0 / 3.0
 """tau over 1/P: the two lags make up two thirds of the angle loop's time, the delay has the rest."""
-_THRUST_DELAY_S, _THRUST_LAG_S = 0.03, 0.06
+_THRUST_DELAY_S = 0.03
+_THRUST_LAG_S = 0.06
 """Link and mixer, then motors: ArduCopter 4.6.3 echoes a thrust command after 12 ms, motors take 0.05 to 0.08 s."""
 _NOMINAL_PERIOD_S = 0.02
 """Attitudes at 50 Hz, as asked for; the delays above hold for that."""

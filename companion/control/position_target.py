@@ -17,19 +17,23 @@ _TARGET_AGE_S = 0.5
 _VELOCITY_AGE_S = 1.2
 """A velocity target without a position lasts two and a half periods of its sender, at most this long: senders repeat it
 at 1 Hz or faster."""
-_FOLLOW_M, _FOLLOW_M_S = 0.15, 0.2
+_FOLLOW_M = 0.15
+_FOLLOW_M_S = 0.2
 """A moving target that leaps by less than this in place and velocity is followed as it is. Any other may stop as
 abruptly as it began: it is trailed by the way that stopping takes."""
 _STILL_M = 0.0005
 """The same for the place of a target without velocity."""
-_CAUGHT_UP_M, _CAUGHT_UP_M_S = 0.02, 0.03
+_CAUGHT_UP_M = 0.02
+_CAUGHT_UP_M_S = 0.03
 """An approach is over this near to the target in place and velocity."""
 _JERK_M_S3 = 3.0
 """Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
 _CLOSING_1_S = 2.0
 """Of an approach: speed per metre left, near the end. With the deceleration of a quarter of the jerk braking begins
 with half the jerk: the rest keeps the way from ending too far."""
-_IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = (1, 2, 4), (8, 16, 32), 1024
+_IGNORE_POSITION = (1, 2, 4)
+_IGNORE_VELOCITY = (8, 16, 32)
+_IGNORE_YAW = 1024
 """Bits of POSITION_TARGET_TYPEMASK, by axis."""
 _NOWHERE = (math.nan, math.nan, math.nan)
 _AT_REST = (0.0, 0.0, 0.0)

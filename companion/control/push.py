@@ -34,7 +34,8 @@ RESIDUAL_DELAY_S = 0.06
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
 _NO_EFFECTS = np.zeros((0, 6))
-_SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
+_SURE_SIGMA_M = 0.05
+_UNSURE_SIGMA_M = 0.10
 """A distance this sure is believed in full; this unsure not at all: half of what the effects reach."""
 
 

@@ -26,7 +26,8 @@ DWELL_S = 3.0
 """At each place: ten times what the hold takes to come to rest."""
 SETTLE_S = 3.0
 """For so long the hold must have been flying before the survey begins."""
-HEIGHTS, DISTANCES = 5, 4
+HEIGHTS = 5
+DISTANCES = 4
 """Places of the grid: enough to tell a decay length from a size."""
 MARGIN_M = 0.06
 """Closer than the box by this, or by a third of the box's least distance: back to where it began at once."""

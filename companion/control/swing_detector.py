@@ -13,7 +13,8 @@ _MEAN_S = 3.0
 """What lasts longer is no swing but a balance of wind or trim."""
 _LEAST_M_S2 = 0.45
 """Half waves smaller than 2.6 degrees of tilt are left alone: turbulence and noise reach them."""
-_SHORTEST_S, _LONGEST_S = 0.15, 2.5
+_SHORTEST_S = 0.15
+_LONGEST_S = 2.5
 """Of a half wave: 0.2 to 3.3 Hz holds every crossover that the gains allow."""
 _ALIKE = 2.2
 """Longest over shortest of the half waves of one swing."""

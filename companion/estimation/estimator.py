@@ -50,7 +50,8 @@ from models.common.frozen_copy import replace
 from models.vehicle import Vector3, Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
-ATTITUDE_AGE_S, POSITION_AGE_S = 0.2, 0.5
+ATTITUDE_AGE_S = 0.2
+POSITION_AGE_S = 0.5
 """Older ones are none."""
 RANGE_AGE_S = 0.22
 """An older range is stale. With the fade and one setpoint, offsets are zero 0.5 s after the last reading; 10 Hz is
@@ -63,7 +64,8 @@ _RANGE_TRACK = TrackModel(
 _ROTOR_TRACK = TrackModel(
     acceleration_sd=6000.0, initial_rate_sd=2000.0, gate=25.0, restart_after=3, agree_within=400.0
 )
-_RANGE_DELAY_S, _ROTOR_DELAY_S = 0.03, 0.03
+_RANGE_DELAY_S = 0.03
+_ROTOR_DELAY_S = 0.03
 """Age of a reading when it is stamped (a sensor's own averaging)."""
 _RANGE_SIGMA_M = 0.01
 _RANGE_SIGMA_SHARE = 0.005

@@ -33,7 +33,8 @@ _LEAST_M = 0.10
 """Differences below this are noise of the range, a mat on the floor, or an estimator's wander."""
 _HALF_SHARE = 0.25
 """Of a window's change, in each half of it: all of it in one half is a step."""
-_SLOPE, _RANGE_SCALE = 0.35, 0.1
+_SLOPE = 0.35
+_RANGE_SCALE = 0.1
 """What a slope explains per metre flown level, and a range that is a tenth too long per metre of height."""
 _STEP_M = 0.1
 """A leap of the estimate from one position to the next that its velocity does not explain."""
@@ -42,7 +43,8 @@ _MOVES_M_S = 0.3
 """Faster than this over ground the range says nothing about the estimate: what differs is taken for terrain."""
 _BACK_M_S = 0.4
 """The vehicle is brought back to its height at most this fast."""
-_CALM_S, _CALM_M_S = 5.0, 0.02
+_CALM_S = 5.0
+_CALM_M_S = 0.02
 """After so long with less drift than this the comparison is over; what was corrected stays corrected."""
 
 

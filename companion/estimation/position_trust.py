@@ -31,7 +31,8 @@ _ACCURACY_M = 0.3
 """Up to here a growing accuracy is no dead reckoning yet."""
 _INNOVATION = 1.0
 """Test ratio from which an estimator rejects its measurements."""
-_RESET_M, _RESET_M_S = 0.1, 1.0
+_RESET_M = 0.1
+_RESET_M_S = 1.0
 """A jump past what the velocity explains: this, and as much for each second between two positions. A gentler one is the
 estimator pulled to its sensors: at most 0.07 m in 0.1 s in five real flights, 0.01 m in 0.02 s in simulation."""
 _RESET_WITHIN_S = 0.5

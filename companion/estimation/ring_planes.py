@@ -37,7 +37,8 @@ _FINE_RAD = math.radians(15.0)
 _GROUND_MARGIN_SHARE = math.tan(math.radians(1.0))
 """Of a slant, beside ``GROUND_MARGIN_M``: attitude and reading differ by so much in a vehicle that turns at 20 degrees
 per second and sends ranges 50 ms late. Low in a corner the ground seen 4 m away was taken for a second wall."""
-_OFF_LINE_M, _OFF_LINE_SHARE = 0.02, 0.02
+_OFF_LINE_M = 0.02
+_OFF_LINE_SHARE = 0.02
 """How far a return may lie off its line: three sigma of a good lidar with 1 cm steps, and a share of its range."""
 
 

@@ -13,7 +13,8 @@ from companion.mavlink.wire_frames import Frame
 
 _DOWN_COS = 0.94
 """A beam within 20 degrees of straight down."""
-HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
+HEARTBEAT = 0
+_AUTOPILOT_BYTE = 5
 """Message id, and the place of ``autopilot`` in its payload."""
 _ESTIMATES = frozenset(
     ID_OF[name]

@@ -20,7 +20,9 @@ from companion.mavlink.boot_clock import BootClock, Stamp
 from companion.mavlink.wire_frames import Frame, unpacked
 from companion.mavlink.wire_layout import SI, Layout, Raw
 
-_ACC_LIMIT, _GYRO_LIMIT, _RPM_LIMIT = 2000.0, 200.0, 200_000.0
+_ACC_LIMIT = 2000.0
+_GYRO_LIMIT = 200.0
+_RPM_LIMIT = 200_000.0
 """m/s^2, rad/s, rpm: ten times what sensors reach, and what no hobby motor does; a larger number is damage."""
 _MS = Stamp.BOOT_MS
 _US = Stamp.US64

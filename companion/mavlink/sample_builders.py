@@ -105,7 +105,8 @@ def rangefinder(head: Head, name: str, distance: float) -> samples.Range | None:
     return samples.Range(*head, DOWN, 25, 0, distance, NAN, NAN, None, None, verdict, name)
 
 
-_NORTHWARD_FRAMES, _BODY_FRAMES = (0, 1), (8, 12)
+_NORTHWARD_FRAMES = (0, 1)
+_BODY_FRAMES = (8, 12)
 """MAV_FRAME_GLOBAL and LOCAL_NED; MAV_FRAME_BODY_NED and BODY_FRD."""
 
 

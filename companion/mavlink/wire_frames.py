@@ -17,11 +17,13 @@ from fastcrc.crc16 import mcrf4xx as crc16
 
 from companion.mavlink.dialect import MESSAGES
 
-V1, V2 = 0xFE, 0xFD
+V1 = 0xFE
+V2 = 0xFD
 """First byte of a frame."""
 SIGNATURE_BYTES = 13
 """Link id, 6 of time, 6 of the digest."""
-_V1_AROUND, _V2_AROUND = 8, 12
+_V1_AROUND = 8
+_V2_AROUND = 12
 """Bytes of header and checksum around a payload."""
 _SEARCH_BYTES = 1 << 20
 """Data without one good frame in its first MiB is no MAVLink."""

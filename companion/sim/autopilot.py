@@ -40,20 +40,27 @@ LIFT_OFF_LEAD_M = 0.3
 """How far above the origin the target of a take-off waits until the vehicle has left the ground."""
 SPOOL_S = 0.5
 """From idle to full throttle: ArduCopter's MOT_SPOOL_TIME."""
-SPOOL_UP_1_S, SPOOL_UP_MOST = 0.25, 0.3
+SPOOL_UP_1_S = 0.25
+SPOOL_UP_MOST = 0.3
 """Throttle added per second, and at most, beyond hover while a take-off waits on the ground."""
-LANDED_THROTTLE, LANDED_M_S, LANDED_S, AIRBORNE_S = 0.6, 0.2, 0.5, 0.1
+LANDED_THROTTLE = 0.6
+LANDED_M_S = 0.2
+LANDED_S = 0.5
+AIRBORNE_S = 0.1
 """Land detector: throttle below this share of hover and vertical speed below this [m/s] for so long [s]; and how long
 [s] off the ground until it is in the air. ArduCopter waits for 1 s."""
 ARRIVED_M = 0.1
 """A take-off is over this near to its height [m]."""
 MAX_TILT_RAD = math.radians(30.0)
 """Of the position controller: ArduCopter's ANGLE_MAX."""
-VEL_I_MOST, RATE_I_MOST, THR_I_MOST = 4.0, 8.0, 0.5
+VEL_I_MOST = 4.0
+RATE_I_MOST = 8.0
+THR_I_MOST = 0.5
 """Most that integrators hold: horizontal acceleration [m/s^2], angular acceleration [rad/s^2], throttle [1]."""
 YAW_RATE_RAD_S = 1.0
 """Most that the heading's target turns."""
-SHARE_20_HZ, SHARE_5_HZ = 0.27, 0.075
+SHARE_20_HZ = 0.27
+SHARE_5_HZ = 0.075
 """Of the change per step of DT: first-order low passes of 20 Hz (ArduCopter's rate and PSC_ACCZ filters) and 5 Hz
 (PSC_VELXY_FLTE)."""
 

@@ -39,12 +39,17 @@ from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 DT = 0.0025
 """Step [s]: ArduCopter's own main loop runs at 400 Hz."""
-SPIN_UP_S, SPIN_DOWN_S, SERVO_S = 0.04, 0.05, 0.025
+SPIN_UP_S = 0.04
+SPIN_DOWN_S = 0.05
+SERVO_S = 0.025
 """Time constants of a rotor that speeds up, slows down, and of a vane's servo [s]: usual for 0.33 m rotors on ESCs
 that do not brake, and for a digital servo; the companion is given none of them."""
-COEFFICIENT_SD, VANE_SD, HOVER_SD = 0.01, 0.03, 0.02
+COEFFICIENT_SD = 0.01
+VANE_SD = 0.03
+HOVER_SD = 0.02
 """Standard deviations of what the vehicle file has wrong, as shares: rotor coefficients, vanes, hover throttle."""
-PWM_LOW_US, PWM_SPAN_US = 1000.0, 1000.0
+PWM_LOW_US = 1000.0
+PWM_SPAN_US = 1000.0
 """Servo output of a stopped motor and from there to full [us], where the vehicle file has no [throttle]."""
 DUCTED_LIP = 1.1
 """A lip this many rotor radii from the axis is a duct's."""
@@ -62,18 +67,22 @@ GEAR_M = 0.13
 """The feet stand this far below the CG."""
 LEAST_STANCE_M = 0.15
 """The feet stand at least this far from the CG, forward and sideways [m]."""
-GROUND_FRICTION, WALL_FRICTION = 0.6, 0.15
+GROUND_FRICTION = 0.6
+WALL_FRICTION = 0.15
 """Rubber feet; a smooth bumper on the lip."""
 CONTACT_STIFFNESS = 50.0**2
 """Stiffness of a contact over the vehicle's mass [1/s^2]: it settles by 4 mm under its weight."""
 CONTACT_DAMPING = 0.7
 """Damping ratio of a contact [1]: one small bounce."""
-NEAR_GROUND_M, NEAR_WALL_M = 0.2, 1.0
+NEAR_GROUND_M = 0.2
+NEAR_WALL_M = 1.0
 """Nearer than this to its feet the ground, and to its CG the wall, are looked at [m]; saves time further away."""
 SLIDE_M_S = 0.02
 """Friction is proportional to the sliding speed below this [m/s]: keeps it smooth at rest."""
 
-SPIN_MIN, SPIN_MAX, THRUST_EXPO = 0.15, 0.95, 0.65
+SPIN_MIN = 0.15
+SPIN_MAX = 0.95
+THRUST_EXPO = 0.65
 """ArduPilot's defaults of MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO: where a motor idles, ends, and how it bends."""
 
 

@@ -177,7 +177,8 @@ def _rounded(value: float, digits: int = 3) -> float | None:
 
 # -- text ------------------------------------------------------------------------------------------------------------
 
-_NAME, _CELL = 28, 14
+_NAME = 28
+_CELL = 14
 """Characters of a row's name and of a phase's column."""
 
 

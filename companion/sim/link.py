@@ -18,7 +18,8 @@ from models.common.frames import quaternion_from_euler
 SYSTEM = 1
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-PILOT_SYSTEM, PILOT_COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
+PILOT_SYSTEM = 255
+PILOT_COMPONENT = mavlink.MAV_COMP_ID_MISSIONPLANNER
 """Ids that ground stations use by default."""
 SHORTEST_INTERVAL_S = 0.003
 """ArduPilot refuses a shorter one."""

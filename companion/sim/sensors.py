@@ -17,7 +17,8 @@ from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0
 """What a lidar reports without an echo: beyond its greatest distance, as real ones do."""
-RANGE_MIN_M, RANGE_MAX_M = 0.03, 40.0
+RANGE_MIN_M = 0.03
+RANGE_MAX_M = 40.0
 """Least and greatest distance of the simulated lidar, as it announces them."""
 BEAM_DIRECTIONS: dict[int, Vec] = {
     **{k: (math.cos(k * math.pi / 4), math.sin(k * math.pi / 4), 0.0) for k in range(8)},

@@ -29,11 +29,13 @@ _ABOUT_RANGES = {
     Reason.RANGE_FROZEN: Seen.FROZEN,
 }
 _LATENESS = ((Reason.LATE,), (Reason.TOO_LATE,))
-_SENDER, _LESSER = "companion: ", "; also: "
+_SENDER = "companion: "
+_LESSER = "; also: "
 """A ground station shows the sender by itself."""
 _CHUNK = 50
 """Bytes of text in one STATUSTEXT."""
-_INFO, _WARNING = 6, 4
+_INFO = 6
+_WARNING = 4
 """MAV_SEVERITY."""
 
 

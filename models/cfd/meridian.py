@@ -16,7 +16,8 @@ from models.cfd.config import Setup
 from models.cfd.position import Position
 from models.common.frames import Array
 
-UPPER_ROW, LOWER_ROW = 4, 2
+UPPER_ROW = 4
+LOWER_ROW = 2
 """Rows of cells (counted from the ground) that are the rotor discs."""
 LAYERS = 3
 """Layers of cells in a disc: with one the source is unstable."""

@@ -354,7 +354,8 @@ class Context:
         return self.corners((self.vehicle.rotor_radius_m * forces)[..., None] * TILT, bearing)
 
 
-FROM_S, UNTIL_S = "from_s", "until_s"
+FROM_S = "from_s"
+UNTIL_S = "until_s"
 """Shapes of what begins or ends in flight: the times from and until which it acts [s]."""
 Wrenches = Callable[[Context, tuple[float, ...]], tuple[Array, ...]]
 Grid = Callable[[Context], Sequence[tuple[float, ...]]]

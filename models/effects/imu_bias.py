@@ -17,7 +17,8 @@ from models.common.frames import Array
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
 from models.effects.mounting_tilt import TILTS, tilt_words, tilted_thrust
 
-USUAL_M_S2, MOST_M_S2 = 0.3, 0.75
+USUAL_M_S2 = 0.3
+MOST_M_S2 = 0.75
 """Standard deviation of an offset, 30 mg, and what an autopilot still flies with."""
 
 

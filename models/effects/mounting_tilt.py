@@ -16,7 +16,8 @@ import numpy as np
 from models.common.frames import Array
 from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
 
-USUAL_RAD, MOST_RAD = 0.0175, 0.07
+USUAL_RAD = 0.0175
+MOST_RAD = 0.07
 """Standard deviation of a tilt, one degree; four degrees: a vehicle flown by that frame would drift by 0.7 m/s^2."""
 
 

@@ -27,7 +27,8 @@ from models.effects.pictures import mass_words
 DAMPING = 0.04
 DIED_DOWN = 2.0
 """Time constants of the swing that a flight has to last."""
-DENSITY_KG_M3, DENSITY_SPREAD = 1000.0, 0.5
+DENSITY_KG_M3 = 1000.0
+DENSITY_SPREAD = 0.5
 """Of a load: water; and the standard deviation of its logarithm."""
 DRAWN = 0
 """Seed: the same interval for the same answer."""

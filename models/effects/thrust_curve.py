@@ -12,7 +12,8 @@ from models.common.frames import Array
 from models.effects.effect import Coefficient, Context, Effect, Shown, where_commanded
 from models.effects.pictures import more, over_thrust
 
-FLATTEST, FELT_WITHIN = -0.4, 0.1
+FLATTEST = -0.4
+FELT_WITHIN = 0.1
 """Smallest slope, and by how much it may be less than what the accelerometer feels."""
 
 

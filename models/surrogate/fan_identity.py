@@ -13,7 +13,8 @@ from models.surrogate.free_air import FreeAir
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle.lift_ratio import BY_COEFFICIENT
 
-_RADIUS_SHARE, _LIP_SHARE = 0.05, 0.10
+_RADIUS_SHARE = 0.05
+_LIP_SHARE = 0.10
 """Sizes further apart than this share are of two fans; drawings and rulers agree better."""
 
 

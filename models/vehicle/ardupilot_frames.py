@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-QUAD, HEXA, OCTA, OCTAQUAD, Y6, TRI, DODECAHEXA, DECA = 1, 2, 3, 4, 5, 7, 12, 14
+QUAD = 1
+HEXA = 2
+OCTA = 3
+OCTAQUAD = 4
+Y6 = 5
+TRI = 7
+DODECAHEXA = 12
+DECA = 14
 """Values of FRAME_CLASS that are multirotors of fixed motors."""
 _SCRIPTED = (15, 17)
 """Their motors are placed by a script on the vehicle."""

@@ -23,7 +23,8 @@ _ARDUPILOT_DSHOT = range(4, 8)
 """MOT_PWM_TYPE of DShot 150 to 1200, which ArduPilot logs as pulses of 1000 to 2000 us."""
 _PX4_DSHOT = range(-5, -1)
 """PWM_MAIN_TIMn and PWM_AUX_TIMn of DShot 150 to 1200."""
-_DSHOT_FULL, _CAN_FULL = 1999.0, 8191.0
+_DSHOT_FULL = 1999.0
+_CAN_FULL = 8191.0
 """Full throttle of the outputs that PX4 logs for DShot and for CAN."""
 _TIMERS = 16
 _RC = ("RC3_MIN", "RC3_MAX")

@@ -24,7 +24,8 @@ _COUNT_OF_RANGE = {4: 4, 5: 4, 6: 6, 7: 6, 8: 8, 9: 8, 10: 4, 11: 6, 12: 8, 14: 
 """Thousands of SYS_AUTOSTART to motors, by the list in ``rc.autostart``."""
 _UPRIGHT = 0.9
 """Cosine of a rotor's tilt (26 degrees) down to which it is taken for upright."""
-_SAME_PLACE, _SAME_ARM = 0.10, 0.15
+_SAME_PLACE = 0.10
+_SAME_ARM = 0.15
 """Share of the arm by which a motor may sit beside its place in a frame that still gives its name to the vehicle, and
 how much the arms may differ."""
 

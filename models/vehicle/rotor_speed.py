@@ -24,7 +24,8 @@ quadrotors 1.8 to 2.8e5; eight measured and simulated vehicles 4.6 to 9.8e4. A m
 per volt goes with one over that."""
 CT = (0.006, 0.03)
 """C_T of open propellers of any pitch, and of coaxial pairs."""
-USUAL_LOADING, USUAL_RPM_VOLTS = 70.0, 1e5
+USUAL_LOADING = 70.0
+USUAL_RPM_VOLTS = 1e5
 """In the middle of the ranges."""
 POLE_PARAMETERS = ("SERVO_BLH_POLES", "MOT_POLE_COUNT", "DSHOT_MOT_POL1")
 """ArduPilot's, and PX4's before and since 1.17."""

@@ -28,7 +28,8 @@ NEAR = 2.0
 """Log odds within which another change could stand in place of one."""
 RATHER_THE_SAME = 0.5
 """Log odds of an effect that no good flight could show over a change of it."""
-TRIED, MOST = 8, 6
+TRIED = 8
+MOST = 6
 """Terms that are weighed in full at every step, and steps."""
 
 

@@ -19,7 +19,8 @@ from models.vehicle import Vehicle
 from models.vehicle_wrench import reference_thrust
 from replay.search.estimates import IntervalEstimate
 
-LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
+LEARNT_FROM = "learnt_from"
+OF_DAY = "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
 zero}, "shape": {parameter: value}}} of what belongs to one flight."""
 

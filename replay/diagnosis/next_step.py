@@ -9,7 +9,8 @@ from replay.diagnosis.answer import Diagnosis
 from replay.diagnosis.words import channel_words, estimate_text, listed, plain
 from replay.search.results import Found
 
-SURE, LIKELY = 0.95, 0.75
+SURE = 0.95
+LIKELY = 0.75
 """Probability from which an effect may be adopted after a look, and below which it is only a hint (docs/results.md says
 how often names were wrong)."""
 

@@ -18,7 +18,8 @@ from replay.search.held_out import FlightFit
 from replay.search.outside import INDEPENDENT_S
 from replay.search.results import Found
 
-BINS, FEWEST_BINS = 14, 3
+BINS = 14
+FEWEST_BINS = 3
 """Of a picture over a quantity."""
 LEAST = 2.0
 """Independent samples of a bin, where there are enough."""

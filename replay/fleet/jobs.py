@@ -19,7 +19,8 @@ from typing import Any
 from models.common.arguments import installed_version
 from models.common.errors import ConfigError
 
-_EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
+_EARLIEST_US = 1_100_000_000_000_000
+_LATEST_US = 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
 _USABLE_BYTES = 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 """The rest of the machine's memory is for the system and the file cache."""

@@ -16,7 +16,8 @@ from replay.residual.motion import FORCE_RATE_HZ, MOMENT_RATE_HZ
 
 _GOOD_IMU_HZ = 25.0
 """Up to 2 Hz is judged with it; slower accelerometers are judged up to a quarter of their rate."""
-_RANGE_HZ, _RPM_HZ = 5.0, 5.0
+_RANGE_HZ = 5.0
+_RPM_HZ = 5.0
 """Slower than 5 Hz, a vehicle at 0.5 m/s moves 0.1 m between readings: half of a small ground effect's length."""
 
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from replay.flightlog import FlightLog
 from replay.logs.formats import suffix_of
 
-ARDUPILOT, PX4 = 3, 12
+ARDUPILOT = 3
+PX4 = 12
 """MAV_AUTOPILOT."""
 
 # x is the number of the link. _of_version gives SRx_ the name that this firmware has for it.

@@ -41,11 +41,15 @@ from replay.logs.columns import (
 )
 from replay.logs.parameters import change_notes, in_force, take_off
 
-_ARDUPILOT, _QUADROTOR = 3, 2
+_ARDUPILOT = 3
+_QUADROTOR = 2
 """MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR."""
 _INFO = 6
 """MAV_SEVERITY_INFO: dataflash texts carry no severity."""
-_ARMED, _DISARMED, _LANDED, _AIRBORNE = 10, 11, 18, 28
+_ARMED = 10
+_DISARMED = 11
+_LANDED = 18
+_AIRBORNE = 28
 """LogEvent of EV.Id."""
 _RANGE_GOOD = 4
 """RFND.Stat as RangeFinder::Status, as are the keys below."""

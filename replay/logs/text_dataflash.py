@@ -20,7 +20,9 @@ from models.common.errors import LogError
 _HEAD = b"\xa3\x95"
 _FMT = 128
 _TYPES = 256
-_NAME_BYTES, _FORMAT_BYTES, _COLUMNS_BYTES = 4, 16, 64
+_NAME_BYTES = 4
+_FORMAT_BYTES = 16
+_COLUMNS_BYTES = 64
 """Of the texts of a FMT message."""
 _FIELDS_OF_FMT = 4
 """Type, length, name and format; what follows is all columns."""

@@ -19,7 +19,8 @@ _MOTION = (27, 30, 31, 32, 105)
 """RAW_IMU, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, HIGHRES_IMU."""
 _SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
 """ESC_TELEMETRY_1_TO_4 ... 29_TO_32, ESC_STATUS."""
-_SERVOS, _IDLE_US = 36, 30
+_SERVOS = 36
+_IDLE_US = 30
 """SERVO_OUTPUT_RAW; outputs that never move by more than 30 us, of some 1000, drive nothing."""
 _SERVO_COUNT = 8
 

@@ -42,11 +42,15 @@ _MAIN_MODE = {0: 1, 1: 2, 2: 3, 10: 5, 14: 6, 15: 7}
 """nav_state to the main mode in HEARTBEAT.custom_mode; what is not here is AUTO (4)."""
 _AUTO = 4
 _MAIN_MODE_BITS = 16
-_ARMED, _GROUND, _AIR = 2, 1, 2
+_ARMED = 2
+_GROUND = 1
+_AIR = 2
 """arming_state; MAV_LANDED_STATE_ON_GROUND and _IN_AIR."""
-_OUTPUTS, _ESCS = 16, 8
+_OUTPUTS = 16
+_ESCS = 8
 """Fields of actuator_outputs and esc_status."""
-_MOTOR_1, _MOTORS = 101, range(101, 113)
+_MOTOR_1 = 101
+_MOTORS = range(101, 113)
 """Output functions of motors (PWM_MAIN_FUNCn, esc_status.actuator_function)."""
 _MOTOR_COUNT = 12
 """Fields of actuator_motors."""
@@ -54,9 +58,13 @@ _DOWN = (0.0, 0.0, 1.0)
 _DOWNWARD = 25
 _BY_RANGE = 1
 """Bit of dist_bottom_sensor_bitfield: a range sensor. The other one is optical flow."""
-_DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
+_DIRECTIONS = 72
+_UNKNOWN_CM = 65535
+_CENTI = 0.01
+_BODY_FRD = 12
 """Of obstacle_distance: fields, what stands for not known, cm, and MAV_FRAME_BODY_FRD, its frame by default."""
-_ROUNDS, _SPARE = 16, 1 << 28
+_ROUNDS = 16
+_SPARE = 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
 _TOPICS = [
     "vehicle_attitude",

@@ -15,13 +15,15 @@ _FILE_HEADER = 16
 _HEADER = 3
 _TYPES = frozenset(b"BFIMPQAROLCSD")
 _TYPE = re.compile(rb"[BFIMPQAROLCSD]")
-_LONGEST, _LONG = 10_000, frozenset(b"FIM")
+_LONGEST = 10_000
+_LONG = frozenset(b"FIM")
 """Bytes of a payload, as pyulog has it; reports of faults are longer."""
 _FIXED = {ord("O"): 2, ord("S"): 8, ord("R"): 2}
 """Bytes of payloads that have one length: dropouts, synchronisation, the end of a subscription."""
 _CHAIN = 8
 """So many messages in a row are no accident."""
-_FLAG_BITS, _FLAGS = ord("B"), slice(_HEADER, _HEADER + 40)
+_FLAG_BITS = ord("B")
+_FLAGS = slice(_HEADER, _HEADER + 40)
 """The first message: flags, and where data was appended."""
 _TEXT_FROM = {ord("F"): 0, ord("A"): 3, ord("L"): 9, ord("C"): 11}
 """Where the text of a message begins that is text to its end."""

@@ -13,7 +13,8 @@ from replay.report import render
 from replay.rerun.history import History
 from replay.rerun.report import RunReport
 
-_SMALL_THRUST, _SMALL_TILT_DEG = 0.05, 3.0
+_SMALL_THRUST = 0.05
+_SMALL_TILT_DEG = 3.0
 """Offsets up to which a first flight with them is reasonable (docs/install.md, checklist)."""
 _MOSTLY = 0.5
 """Share of the time from which the offsets are what to look at, and below which the reasons are."""

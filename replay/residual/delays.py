@@ -17,16 +17,22 @@ from replay.residual.grid import Grid, band, running_mean
 
 LONGEST_DELAY_S = 0.3
 """Longest delay that is looked for: telemetry at 5 Hz is stamped a fifth of a second late at most."""
-SPEED_LEAD_S, OUTPUT_LEAD_S = 0.045, 0.035
+SPEED_LEAD_S = 0.045
+OUTPUT_LEAD_S = 0.035
 """By which an IMU's low-pass may be behind rotor speeds: sqrt(2) / (2 pi f) of a second-order Butterworth low-pass at
 5 Hz, the lowest in common use. Outputs less, because they lead the thrust by the motors' own lag, too."""
-SEEN_ROTORS, SEEN_RANGES = 0.3, 0.5
+SEEN_ROTORS = 0.3
+SEEN_RANGES = 0.5
 """Correlations from which on a delay is believed; ranges against velocity are cleaner than lift against the IMU."""
-DETREND_S, SMOOTH_S = 0.7, 0.03
+DETREND_S = 0.7
+SMOOTH_S = 0.03
 """Half widths of the running means between which signals are compared: about 0.5 to 10 Hz."""
-CLIMB_S, FASTEST_CLIMB_M_S = 0.1, 2.0
+CLIMB_S = 0.1
+FASTEST_CLIMB_M_S = 2.0
 """Half width over which ranges are differentiated, and the rate beyond which the range has jumped."""
-BORDER, BORDER_SD, SURE = 0.6, 0.1, 0.999
+BORDER = 0.6
+BORDER_SD = 0.1
+SURE = 0.999
 """Correlation of lift with the accelerometer about which changes of the lift may be commands or responses; standard
 deviation of that border, in Fisher's z; and the largest correlation whose z is told from others."""
 FEWEST_SAMPLES = 100

@@ -30,7 +30,9 @@ from replay.residual.motion_faults import UPSIDE_DOWN
 
 TRUST = 0.5
 """Power of the likelihood, as in the search: forms are not exact (Miller & Dunson 2019, JASA 114, 1113)."""
-BEFORE_S, AFTER_S, LATER_S = 3.0, 3.0, 10.0
+BEFORE_S = 3.0
+AFTER_S = 3.0
+LATER_S = 10.0
 """Time before, which gives the level; after, when a beginning is looked for; and after, when one is judged."""
 TUMBLING_S = 0.6
 """Evidence after the vehicle has turned over: later its fall changes every rotor's thrust."""
@@ -46,17 +48,22 @@ LATE_S = 0.03
 """By which thrust may be off in time: a motor's lag."""
 BY_SPEED = np.array([0.01, 0.01, 0.045])
 """By which moments and lift change with the speed [1 / (m/s)]: flapping, and inflow at a tip speed of 100 m/s."""
-COMMON, BENT = np.array([0.0, 0.0, 0.06]), 0.1
+COMMON = np.array([0.0, 0.0, 0.06])
+BENT = 0.1
 """What all rotors lose together is no motor's: a pack that sags, a climb (lift); and the thrust curve's slope."""
 LEAST_NOISE = np.array([0.004, 0.004, 0.01])
 """Of roll, pitch and lift: no vehicle is steadier over seconds."""
-RAMP, RAMP_DOUBT = np.array([0.35, 0.85]), 0.3
+RAMP = np.array([0.35, 0.85])
+RAMP_DOUBT = 0.3
 """Share of a loss in the first two rows, through the low-pass and the motor's lag, and how sure it is."""
-GAIN_SD, GAIN_SD_ASSUMED = 0.3, 0.6
+GAIN_SD = 0.3
+GAIN_SD_ASSUMED = 0.6
 """Of log G: moments of inertia by the size of the vehicle; and with arms that are assumed."""
-PUSHED, STRUCK = 0.25, 0.5
+PUSHED = 0.25
+STRUCK = 0.5
 """Standard deviations of a push and of blows, over weight and lever."""
-IMPACT_G, IMPACT_SIGMA = 1.2, 6.0
+IMPACT_G = 1.2
+IMPACT_SIGMA = 6.0
 """Specific force beside the declared lift from which on something was struck: rotors and drag give less; and over its
 usual size in this flight."""
 SINCE_IMPACT_S = 1.0
@@ -65,13 +72,15 @@ CHANCE = 0.01
 """Prior probability that a motor fails in a flight that is asked about."""
 CHANCE_OF_FALL = 0.2
 """And that it is why one turns over within seconds."""
-SURE, APART = 3.0, 4.6
+SURE = 3.0
+APART = 4.6
 """Log odds of a failure against none, and of one motor against another, to be said: 20 and 100 to 1."""
 DRIFTS_S = 0.5
 """Over which what is left of a flight hangs together."""
 WORST_MISFIT = 2.5
 """Mean square over the variance above which a loss does not explain what follows."""
-PART_S, RECOVERS = 0.5, 2.0
+PART_S = 0.5
+RECOVERS = 2.0
 """Parts of what follows, and log likelihood by which one may be better without the loss."""
 SLOWEST_GYRO_HZ = 9.0
 """A gyro from which on three samples are three."""

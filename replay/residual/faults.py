@@ -17,7 +17,8 @@ from replay.residual.motion import ENOUGH_S, Trajectory
 
 FOLLOWS_AGAIN_S = 0.3
 """So long after full command [s] thrust follows the outputs again: the slowest motor lag of small vehicles."""
-STUCK_BEAM_M, MOVED_M = 0.002, 0.4
+STUCK_BEAM_M = 0.002
+MOVED_M = 0.4
 """A range that spans less than the first while the vehicle rises by more than the second [m] is stuck."""
 STUCK_BEAM_SAMPLES = 20
 """Fewest readings for that."""

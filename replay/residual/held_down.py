@@ -22,27 +22,38 @@ DID_NOT_FLY = (
 )
 TURNING_SHARE = 0.1
 """Modelled lift over weight above which rotors turn, and do not just idle."""
-SETTLED_SHARE, EDGE_S = 0.5, 1.0
+SETTLED_SHARE = 0.5
+EDGE_S = 1.0
 """Lift over its usual size above which rotors have spun up; time around that is not compared: a take-off's lift is
 carried by the ground, too."""
-WINDOW_S, STEP_S, LEAST_S = 4.0, 1.0, 1.0
+WINDOW_S = 4.0
+STEP_S = 1.0
+LEAST_S = 1.0
 """Length and distance of the windows; time of turning rotors that one has to hold."""
-SMOOTH_S, SAMPLE_S, LATEST_S = 0.1, 0.04, 0.3
+SMOOTH_S = 0.1
+SAMPLE_S = 0.04
+LATEST_S = 0.3
 """Half width of the mean over noise; distance of samples that are compared; how late lift or acceleration may be."""
-STILL_DEG, USUALLY_STILL_DEG, CALM_DEG = 0.04, 0.1, 0.3
+STILL_DEG = 0.04
+USUALLY_STILL_DEG = 0.1
+CALM_DEG = 0.3
 """Spread of roll and pitch within a window: below that of any window of a flight (0.07 degrees); of half of a flight's
 windows (0.15); and of one that thrust leaves alone."""
-ASKED_SHARE, UNANSWERED = 0.1, 0.2
+ASKED_SHARE = 0.1
+UNANSWERED = 0.2
 """Spread of lift over its size from which on a vehicle must answer, and share of it that is felt below which it does
 not. A window of a calm flight answers with 0.46 and more, most windows of the others with 0.36 and more."""
-MOVES_SHARE, ANSWERED = 0.01, 0.5
+MOVES_SHARE = 0.01
+ANSWERED = 0.5
 """A vehicle that feels so much of such a spread of lift flies, however level it is."""
 CRUISE_M_S = 1.0
 """Mean speed of what flies: an estimator that drifts on the bench is slower."""
-RISEN_M, SCALE_HEIGHT_M = 5.0, 8434.0
+RISEN_M = 5.0
+SCALE_HEIGHT_M = 8434.0
 """Above the place where the rotors began to turn, by barometer and estimator: more than their wash on a barometer is,
 or its drift within a run. And the height in which pressure falls to 1/e, at 288 K."""
-MOSTLY, CARRIED_M_S = 0.5, 0.5
+MOSTLY = 0.5
+CARRIED_M_S = 0.5
 """Share of windows in which lift is ignored, and mean speed, of a vehicle in a hand. In a flight whose outputs are
 wrong, lift is ignored, too, but it goes somewhere."""
 LONG_S = 8.0

@@ -23,13 +23,15 @@ FAST_SHARE = 1.25
 """And above which it turns without load: a propeller takes a third of the no-load speed."""
 FOLLOWS = (0.7, 1.3)
 """Within which the others do."""
-LAG_S, LEAST_ASKED = 0.06, 0.35
+LAG_S = 0.06
+LEAST_ASKED = 0.35
 """A motor's lag; and the least speed, over the usual, at which a ratio is formed."""
 LASTS_S = 0.2
 """Time from which on it counts: three telegrams of an ESC at 10 to 25 Hz, slower than any motor's lag."""
 FALLS_S = 1.0
 """So long after a vehicle flew by its lift, it is still in the air."""
-STAYS_S, MOSTLY = 1.0, 0.8
+STAYS_S = 1.0
+MOSTLY = 0.8
 """What comes back within the first was a swing of the outputs; share of that time."""
 FASTER_S = 0.3
 """Of a rotor that turns faster: longer than a motor takes to slow down."""

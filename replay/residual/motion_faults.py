@@ -11,22 +11,31 @@ from replay.residual.motion import Trajectory
 
 FEWEST_SAMPLES = 100
 """Airborne samples from which on two sensors are compared."""
-GYRO_S, GYRO_LEAST_RAD_S, GYRO_DISAGREE = 0.1, 0.05, 0.7
+GYRO_S = 0.1
+GYRO_LEAST_RAD_S = 0.05
+GYRO_DISAGREE = 0.7
 """Half width of the mean over which gyro and attitude are compared; turning that is needed; RMS of the difference, as a
 share of the gyro's, from which on one of them is wrong (1 for a dead gyro, 2 for a reversed one)."""
 GYRO_SAMPLES = 5
 """Samples of the slower of the two that half the mean has to hold: a frame that shakes is caught at other moments."""
-FORCE_S, FORCE_LEAST_M_S2, FORCE_DISAGREE = (0.25, 2.0), (0.6, 0.6, 0.15), 0.9
+FORCE_S = (0.25, 2.0)
+FORCE_LEAST_M_S2 = (0.6, 0.6, 0.15)
+FORCE_DISAGREE = 0.9
 """The same for accelerometer and rate of the velocity, between two half widths, by axis: slower than that, and on the
 level axes, errors of the attitude count (3 degrees are 0.5 m/s^2)."""
 STRETCHES = 5
 """Equal parts of the flight: where more of them agree than disagree, what disturbs the others is no fault."""
 ASKEW_M_S2 = 2.5
 """Mean difference of accelerometer and velocity that no offset and no tilt error makes: 15 degrees, or a quarter g."""
-DERIVED_OVER_S, DERIVED_M_S2, DERIVED_SHARE = (0.5, 5.0), 0.003, 0.2
+DERIVED_OVER_S = (0.5, 5.0)
+DERIVED_M_S2 = 0.003
+DERIVED_SHARE = 0.2
 """Times over which accelerometer and derivative of the velocity are compared; spread of their difference over the
 longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured."""
-UPSIDE_DOWN, OVER_S, OVER_SHARE, END_SHARE = 0.3, 0.3, 0.3, 0.8
+UPSIDE_DOWN = 0.3
+OVER_S = 0.3
+OVER_SHARE = 0.3
+END_SHARE = 0.8
 """Cosine of the tilt below which nothing flies; for how long; share of the rest of the log, or place of the first in
 the log, from which on it is the end of the flight rather than a flip."""
 BANKED_G = 1.5

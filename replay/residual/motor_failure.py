@@ -18,7 +18,8 @@ from replay.residual.motion import Trajectory
 
 WITHIN_S = 1.0
 """After a beginning, in which output and turning are described."""
-BEFORE_S, ANSWERS = 0.3, 0.15
+BEFORE_S = 0.3
+ANSWERS = 0.15
 """So long before a beginning the outputs are still as usual; and by which share of them above idle one rises."""
 ALL_LOST = 0.85
 """Share of the thrust from which on it is all lost: what is left cannot be told from none."""

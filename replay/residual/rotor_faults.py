@@ -19,7 +19,9 @@ from replay.residual.motion import Trajectory, rotor_rate_hz
 
 FEWEST_SAMPLES = 50
 """Airborne samples from which on rotors are compared."""
-DEAD_SHARE, STUCK_SHARE, STUCK_BESIDE = 0.05, 1e-3, 0.1
+DEAD_SHARE = 0.05
+STUCK_SHARE = 1e-3
+STUCK_BESIDE = 0.1
 """A rotor is dead below this share of the others' speed, stuck if it varies by less than this share, and by less than
 this share of what the others do."""
 OTHER_SPEED = (0.6, 1.7)
@@ -30,18 +32,24 @@ TURNING_SHARE = 0.3
 """Speed over the declared rotors' from which on an undeclared one takes part."""
 ROTOR_RATE_HZ = 5.0
 """Rotor speeds or outputs slower than this carry no moments: attitude loops answer within a fifth of a second."""
-FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
+FULL = 0.985
+FULL_REPORTED = 0.2
+FULL_MOST = 0.5
 """Command from which on thrust does not follow; share of the flight at it that is reported and left out; share from
 which on no lift can be judged."""
 MOVES_US = 30.0
 """An output that never moves by more drives no motor in flight."""
 FEWEST_ORDERED = 3
 """Rotors that have an order."""
-APART_S, FOLLOWS_S = (0.1, 2.0), 0.3
+APART_S = (0.1, 2.0)
+FOLLOWS_S = 0.3
 """Half widths between which speeds and outputs are compared, and time within which a motor and its telemetry follow."""
-FOLLOWS, FOLLOWS_LESS = 0.6, 0.5
+FOLLOWS = 0.6
+FOLLOWS_LESS = 0.5
 """Correlation of every speed with another motor's output; that with its own is below this share of it."""
-EQUAL_US, EQUAL_RPM, TURNS_RAD_S = 1.0, 1.0, 0.05
+EQUAL_US = 1.0
+EQUAL_RPM = 1.0
+TURNS_RAD_S = 0.05
 """Outputs that never differ by more, or speeds while the vehicle rolls or pitches by more (RMS), are copies."""
 
 

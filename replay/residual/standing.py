@@ -19,15 +19,18 @@ UPRIGHT = 0.9
 """Cosine of the tilt above which a height at rest is one of the feet on the ground."""
 REST_S = 1.0
 """Time at rest, or of unanswered thrust, from which on it counts."""
-NEAR_RADII, NEAR_SIGMA = 0.1, 2.0
+NEAR_RADII = 0.1
+NEAR_SIGMA = 2.0
 """Margin over the height at rest: the share of the rotor radius within which feet may touch, and the range's noise."""
-FAST_S, SLOW_S = 0.1, 1.0
+FAST_S = 0.1
+SLOW_S = 1.0
 """Half widths of the running means between which thrust and acceleration are compared: about 0.5 to 4 Hz."""
 FASTEST_HZ = 8.0
 """Rate of rotor speeds from which on they show that band (Nyquist)."""
 EXCITED_SHARE = 0.003
 """RMS of lift over weight (moment over weight and lever) from which on a vehicle in the air would visibly move."""
-UNANSWERED, STILL = 0.2, 0.01
+UNANSWERED = 0.2
+STILL = 0.01
 """Share of the modelled acceleration below which nothing in the air moves (flights measured so far: 0.26 and more), and
 size over the weight (times the lever) that it may have: a file of another vehicle models too much, not a standstill."""
 

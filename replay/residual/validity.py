@@ -20,7 +20,11 @@ AIRBORNE_SHARE = 0.5
 """Modelled lift over weight above which a vehicle flies: half leaves room for any undeclared effect."""
 ROSE_M = 0.5
 """Change of height that proves a flight."""
-LIFT_S, TAKE_OFF_S, CONTACT_S, JUMP_S, CLIP_S = 0.2, 1.0, 0.3, 0.2, 0.3
+LIFT_S = 0.2
+TAKE_OFF_S = 1.0
+CONTACT_S = 0.3
+JUMP_S = 0.2
+CLIP_S = 0.3
 """Half width of the mean of lift; time around take-off and landing, contact, a jump and a clipped sample left out."""
 NEVER_SHARE = 0.5
 """Share of the time with turning rotors in which a vehicle is held that has not flown."""
@@ -32,7 +36,10 @@ FASTEST_GROUND_M_S = 2.5
 """Speed of the ground below the vehicle beyond which the beam has jumped to another surface."""
 SHORTEST_GAP_S = 0.05
 """Time that is not worth a line among what was left out."""
-CLIPPED_SHARE, CLIPPED_SAMPLES, CLIPPED_M_S2, BIASED_SHARE = 0.004, 20, 0.5, 0.02
+CLIPPED_SHARE = 0.004
+CLIPPED_SAMPLES = 20
+CLIPPED_M_S2 = 0.5
+BIASED_SHARE = 0.02
 """Share and number of samples at the very top from which on a sensor is at its limit; share that moves its mean."""
 
 

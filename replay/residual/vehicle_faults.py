@@ -29,7 +29,8 @@ EXCITED = 1e-3
 """RMS of a moment over weight and lever from which on it is compared."""
 OPPOSED = -0.5
 """Correlation of declared yaw moment and angular acceleration from which on the spins are exchanged."""
-FITS, FITS_LESS = 0.4, 0.5
+FITS = 0.4
+FITS_LESS = 0.5
 """Correlation of roll and pitch with another order of the rotors; the declared one stays below that share of it."""
 SAME_PLACE = 0.3
 """Distance over lever within which a turned or mirrored fan stands on another one's place."""

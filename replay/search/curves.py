@@ -36,7 +36,8 @@ DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers: a curve is as likely as commands are."""
 ATTITUDE = ("roll_rad", "pitch_rad")
 """Channels that go with the speed in steady flight: what drag explains is none of theirs."""
-ODDS, REACTION_ODDS = 2e-4, 1e-5
+ODDS = 2e-4
+REACTION_ODDS = 1e-5
 """Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
 of one over a channel that responds to disturbances."""
 FEWEST = 50

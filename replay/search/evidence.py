@@ -32,10 +32,12 @@ TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
 """Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
-LOUDEST, GUST_S = 5.0, 1.0
+LOUDEST = 5.0
+GUST_S = 1.0
 """Prior standard deviation of the noise's, in hundredths of the weight: no air is as unsteady; and how long gusts last
 [s]: height over speed (Dryden spectrum, MIL-F-8785C), 5 m over 5 m/s."""
-QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
+QUIET_S = 4.0
+QUIET_SPECTRUM = (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""

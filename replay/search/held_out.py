@@ -27,9 +27,11 @@ from replay.search.terms import Key, Term
 
 CARRIES = 0.25
 """An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
-BLOCK_S, MOST_BLOCKS = 1.5, 400
+BLOCK_S = 1.5
+MOST_BLOCKS = 400
 """Unit of the time that is held out [s], and how many at most."""
-FOLDS, FOLD_S = 8, 6.0
+FOLDS = 8
+FOLD_S = 6.0
 """Long single folds would hide a manoeuvre flown once from its own fit; runs of this length [s] do not."""
 EMBARGO_S = 3.0
 """Time beside a run that is fitted on neither [s]: three correlation times of the remainder."""

@@ -14,7 +14,8 @@ from replay.search.regimes import LEAST_S, SURFACES, regimes
 
 SLOW_S = 1.0
 """The remainder is averaged over this time [s]."""
-FORCE_LIMIT, MOMENT_LIMIT = 2.0, 4.0
+FORCE_LIMIT = 2.0
+MOMENT_LIMIT = 4.0
 """RMS of the slow remainder, in hundredths of the weight (times the lever), up to which a flight counts as explained.
 
 Broadband unsteadiness of the air and the declared model's own error leave about one hundredth.
@@ -23,14 +24,19 @@ WHOLE_LIMIT = 3.0
 """The same for the RMS of the whole remainder below 2 Hz, sensors' noise included."""
 LOUD = 1.5
 """Intervals are given where the remainder exceeds the limit by this factor."""
-SUDDEN, SUDDEN_S = 5.0, 0.5
+SUDDEN = 5.0
+SUDDEN_S = 0.5
 """Short disturbances are reported, too: so many times what is usual in the flight, for so long in all [s]."""
-JOIN_S, SHORTEST_S, MOST = 2.0, 0.5, 12
+JOIN_S = 2.0
+SHORTEST_S = 0.5
+MOST = 12
 """Gaps up to this are bridged [s]; shorter intervals are left out [s]; intervals that are listed, the longest first."""
 MAD_TO_SD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
-LEVEL_LEFT, LIFT_LEFT, MOMENT_LEFT = 0.4, 1.0, 2.0
+LEVEL_LEFT = 0.4
+LIFT_LEFT = 1.0
+MOMENT_LEFT = 2.0
 """Mean of the remainder beside a surface, in hundredths of the weight (times the lever), up to which it is explained.
 
 0.4 of a level force tilts the vehicle by 0.23 degrees.

@@ -10,9 +10,12 @@ from models.common.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 
-NEAR_GROUND, NEAR_WALL = 4.0, 3.8
+NEAR_GROUND = 4.0
+NEAR_WALL = 3.8
 """Reach of ground (h/R) and wall (d/R) in rotor radii (Ai et al. 2020, Sensors 20, 5805)."""
-STILL_M_S, FAST_M_S, CLIMBING_M_S = 0.3, 1.0, 0.3
+STILL_M_S = 0.3
+FAST_M_S = 1.0
+CLIMBING_M_S = 0.3
 """Speed of a hover and of a fast flight, climb or descent of a climbing flight [m/s]."""
 SURFACES = ("low", "wall", "corner")
 """Regimes beside a surface; ``far`` is away from all of them."""

@@ -33,7 +33,8 @@ _WAYS = (
 """What acts along each axis, and against it."""
 HELD_OUT = 2.0
 """A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
-NEAR, RIVALS = 30.0, 6
+NEAR = 30.0
+RIVALS = 6
 """Sets that are compared so: less likely than the best by no more than this (log), and how many."""
 WORSE_SHARE = 0.005
 """Share of the residual's energy by which an effect may make held-out time worse: noise, where it is hardly excited."""

@@ -28,7 +28,8 @@ SURE = 0.995
 """No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
 NEGLIGIBLE = 12.0
 """Sets less likely by this much (log) than the best have no weight."""
-NO_MEMBER, MOST_MEMBERS = 0.05, 3
+NO_MEMBER = 0.05
+MOST_MEMBERS = 3
 """An effect that is less probable than that in another's place is told from it; so many members are shown."""
 Fits = dict[frozenset[Key], Fit]
 """The best fit of every set, by the keys of its terms."""

@@ -20,7 +20,8 @@ from replay.search.library import Library
 from replay.search.sets import ALIAS_NATS, Sets, Walked, canonical
 from replay.search.terms import Key, Term
 
-MOST, MOST_A_FLIGHT = 9, 3
+MOST = 9
+MOST_A_FLIGHT = 3
 """Terms of a set: of one flight, and more for every other."""
 BEAM = 4
 """Sets that are carried on."""
@@ -32,13 +33,15 @@ WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
 EXCHANGE_LOSS = 60.0
 """An exchange that loses less than this (log) is grown by one more term: two may stand in place of one."""
-MOST_WORK, LONG_S = 14_000.0, 600.0
+MOST_WORK = 14_000.0
+LONG_S = 600.0
 """Work that a walk may do over a log of up to this time [s]; over longer or several logs it grows with them.
 
 A core of 2023 does about 2000 a second, and ten seconds are what a user waits for: three go into starting, reading and
 summing up.
 """
-GROWING, SETTLING = 0.7, 0.9
+GROWING = 0.7
+SETTLING = 0.9
 """Shares of it after which sets stop to grow, and single effects to be exchanged."""
 LARGER = "larger sets of effects"
 BETWEEN = 30.0

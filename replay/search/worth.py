@@ -20,11 +20,14 @@ SLOW_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
 OWN = 0.75
 """Smallest minimum unique contribution of a named term, in hundredths of the weight: no model is better than that."""
-USUAL, USUAL_TRIM = 2.0, 1.0
+USUAL = 2.0
+USUAL_TRIM = 1.0
 """Coefficients and trims that take over stay within so many standard deviations of their prior."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
-CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
+CANCEL = 2.6
+CANCEL_COST = 40.0
+CANCEL_FREE = 2.0
 """Terms (root of the sum of squares) may exceed what they remove together by this factor; each more costs so much.
 
 What is below ``CANCEL_FREE`` hundredths of the weight does not count.

@@ -11,7 +11,8 @@ from replay.sources.candidates import Candidate
 
 LEAST_V = 2.5
 """A cell of lithium below this is destroyed: no pack that flies reads less."""
-_LOW_PERCENTILE, _HIGH_PERCENTILE = 5.0, 95.0
+_LOW_PERCENTILE = 5.0
+_HIGH_PERCENTILE = 95.0
 """The swing of a voltage without its outliers."""
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from replay.flightlog import FlightLog, Series, Stated
 from replay.sources.candidates import Candidate
 
-_LOWEST_PA, _HIGHEST_PA = 2.0e4, 1.2e5
+_LOWEST_PA = 2.0e4
+_HIGHEST_PA = 1.2e5
 """Air between 12 km of altitude and the lowest dry land (standard atmosphere)."""
 _PRIMARY = ("BARO_PRIMARY", "GND_PRIMARY")
 """ArduPilot's number of the barometer in use, from 0."""

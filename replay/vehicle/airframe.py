@@ -41,7 +41,8 @@ _BEYOND = 0.05
 TANDEM = "the paper's tandem"
 TANDEM_SEEN = "outputs 1 to 4 in pairs, vanes on 5 and 6"
 _FRAME_PARAMETERS = {"FRAME_CLASS", "FRAME", "CA_AIRFRAME", "CA_ROTOR_COUNT"}
-_NEUTRAL_US, _DEFLECTED_US = 1500.0, 250.0
+_NEUTRAL_US = 1500.0
+_DEFLECTED_US = 250.0
 """Of the vanes."""
 _SAME_US = 2.0
 """The two rotors of a coaxial fan get one output; they differ by rounding."""

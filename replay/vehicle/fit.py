@@ -17,7 +17,9 @@ from models.common.frames import Array
 from models.vehicle import Vehicle
 from replay.residual.record import Record
 
-_CLIMB_M_S, _SPEED_M_S, _TILT_COS = 0.3, 1.0, 0.985
+_CLIMB_M_S = 0.3
+_SPEED_M_S = 1.0
+_TILT_COS = 0.985
 """A hover: slower than these, tilted less than 10 degrees."""
 _FAR = 4.0
 """In rotor radii from ground, wall and ceiling: lift there is within 2 % of free air (Cheeseman and Bennett 1955)."""
