@@ -209,10 +209,11 @@ def as_json(found: list[Item]) -> dict[str, Any]:
 
 def as_text(found: list[Item]) -> str:
     """A table for a person."""
-    lines = [
-        f"{i.verdict.value:5} {i.name:18} {i.text}" + (f"\n{'':25}-> {i.do}" if i.do else "")
-        for i in found
-    ]
+    lines = []
+    for i in found:
+        lines.append(
+            f"{i.verdict.value:5} {i.name:18} {i.text}" + (f"\n{'':25}-> {i.do}" if i.do else "")
+        )
     fails = sum(i.verdict is Verdict.FAIL for i in found)
     lines.append("may fly" if not fails else f"do not fly: {fails} of {len(found)} items fail")
     return "\n".join(lines)
@@ -372,7 +373,11 @@ def _ranges(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         if sensor.target != "none" and not sensor.ring:
             yield _range(sensor, heard)
     if any(sensor.ring for sensor in declared):
-        known = [d for ring in rings for d in ring.distances_m if not math.isnan(d)]
+        known = []
+        for ring in rings:
+            for d in ring.distances_m:
+                if not math.isnan(d):
+                    known.append(d)
         text = f"nearest return {min(known, default=math.nan):.2f} m, "
         yield _rate(
             "ring", "OBSTACLE_DISTANCE", _hz(rings) if known else 0.0, _LEAST_HZ, _LEAST_HZ, text
@@ -457,7 +462,9 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         for i, value in enumerate(sample.rpm):
             rpm[sample.first_esc + i].append(abs(value))
     escs = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
-    speeds = {esc: median([v for v in rpm[esc] if not math.isnan(v)] or [0.0]) for esc in escs}
+    speeds = {}
+    for esc in escs:
+        speeds[esc] = median([v for v in rpm[esc] if not math.isnan(v)] or [0.0])
     silent = [str(esc) for esc in escs if not rpm[esc]]
     there = ", ".join(str(e) for e, v in sorted(rpm.items()) if any(x > 0.0 for x in v)) or "none"
     zero = [str(esc) for esc in escs if speeds[esc] < 1.0]

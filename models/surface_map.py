@@ -46,11 +46,11 @@ class SurfaceMap:
         log_heights, log_gaps = self._logs
         across = _between(gap, self.gaps, log_gaps)
         width = len(self.gaps)
-        return [
-            (row * width + column, a * b)
-            for row, a in _between(height, self.heights, log_heights)
-            for column, b in across
-        ]
+        out = []
+        for row, a in _between(height, self.heights, log_heights):
+            for column, b in across:
+                out.append((row * width + column, a * b))
+        return out
 
     def weights(self, height: Array, gap: Array) -> Array:
         """Weights (..., size) of all cells at heights and gaps (...) [rotor radii]; 0 where one is not known."""

@@ -400,7 +400,12 @@ def _wanted(known: Adaptation) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
     gains = known.believed.shares
     near = known.believed.near
-    shares = [0.0 if gain < _NOTHING else min(gain, MOST) for gain in gains]
+    shares = []
+    for gain in gains:
+        if gain < _NOTHING:
+            shares.append(0.0)
+        else:
+            shares.append(min(gain, MOST))
     for k, seen in zip(
         range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True
     ):

@@ -42,13 +42,14 @@ class Applied:
         """
         of_lift, of_pull, of_tilt = self.shares[:3]
         shares = (of_pull, of_pull, of_lift, of_tilt, of_tilt, of_tilt)
-        at_fans = [
-            [
-                share * modelled + left
-                for share, modelled, left in zip(shares, fan, beside, strict=True)
-            ]
-            for fan, beside in zip(above, self.near.wrenches(vehicle, around), strict=True)
-        ]
+        at_fans = []
+        for fan, beside in zip(above, self.near.wrenches(vehicle, around), strict=True):
+            at_fans.append(
+                [
+                    share * modelled + left
+                    for share, modelled, left in zip(shares, fan, beside, strict=True)
+                ]
+            )
         parts = about_cg(vehicle, at_fans, around.bearing_rad)
         total: Array = np.array([a + b + c for a, b, c in zip(*parts, strict=True)])
         if effects.size:

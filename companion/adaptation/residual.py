@@ -242,10 +242,9 @@ def mean_height(vehicle: Vehicle) -> float:
 @lru_cache(maxsize=8)
 def _vane_units(vehicle: Vehicle) -> list[list[float]]:
     """(vanes, 6): wrench about the CG per radian of each vane and newton of its fan's lift."""
-    force = [
-        (*(vane.force_per_thrust_rad * c for c in vane.axis), 0.0, 0.0, 0.0)
-        for vane in vehicle.vanes
-    ]
+    force = []
+    for vane in vehicle.vanes:
+        force.append((*(vane.force_per_thrust_rad * c for c in vane.axis), 0.0, 0.0, 0.0))
     out: list[list[float]] = at_cg(
         np.array(force), np.array([vane.position_m for vane in vehicle.vanes])
     ).tolist()

@@ -210,10 +210,12 @@ def drag_prior(vehicle: Vehicle) -> tuple[float, float]:
 def _scatter(model: FanSurrogate) -> tuple[float, float, float]:
     """Unexplained share of the increments: of lift, level forces, moments."""
     calibration = model.calibration
-    share = [
-        min(f / s, 1.0) if s > 0.0 else 0.0
-        for f, s in zip(calibration.floor, calibration.size, strict=True)
-    ]
+    share = []
+    for f, s in zip(calibration.floor, calibration.size, strict=True):
+        if s > 0.0:
+            share.append(min(f / s, 1.0))
+        else:
+            share.append(0.0)
     return share[2], max(share[0], share[1]), max(share[3], share[4])
 
 

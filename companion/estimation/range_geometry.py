@@ -142,10 +142,10 @@ def fan_heights(vehicle: Vehicle, height_cg_m: ArrayLike, rotation: Array) -> Ar
 def fan_heights_now(vehicle: Vehicle, height_cg_m: float, rotation: Rows) -> list[float]:
     """``fan_heights`` of one instant in plain floats."""
     a, b, c = rotation[2]
-    return [
-        max(height_cg_m - (a * x + b * y + c * z), 0.0)
-        for x, y, z in (fan.position_m for fan in vehicle.fans)
-    ]
+    out = []
+    for x, y, z in (fan.position_m for fan in vehicle.fans):
+        out.append(max(height_cg_m - (a * x + b * y + c * z), 0.0))
+    return out
 
 
 def fan_ceilings(vehicle: Vehicle, ceiling_cg_m: ArrayLike, rotation: Array) -> Array:

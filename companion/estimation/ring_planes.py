@@ -233,7 +233,12 @@ def _own(rows: Rows, place_ned: Vector3, outline: Sequence[Vector3]) -> bool:
 
 def placed(view: RingView, before: Sequence[Vector3 | None]) -> list[RingPlane]:
     """What is seen at each place: the wall in the direction where one was seen ``before``, new ones in free places."""
-    reaches = [math.inf if view.sees(old) else math.nan for old in before]
+    reaches = []
+    for old in before:
+        if view.sees(old):
+            reaches.append(math.inf)
+        else:
+            reaches.append(math.nan)
     out = [
         RingPlane(reach, old or (1.0, 0.0, 0.0), reach)
         for reach, old in zip(reaches, before, strict=True)

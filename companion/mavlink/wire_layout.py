@@ -79,9 +79,10 @@ class SI:
         unknown = self.unknown
         # The largest float, so that one comparison also turns inf into NaN; a comparison with NaN is false.
         limit = min(self.limit, sys.float_info.max)
-        places = [
-            i for name in self.fields.split() for i in range(*wire.places[name].indices(1 << 16))
-        ]
+        places = []
+        for name in self.fields.split():
+            for i in range(*wire.places[name].indices(1 << 16)):
+                places.append(i)
         if len(places) == 1:
             (place,) = places
             return lambda fields: (

@@ -67,16 +67,17 @@ def snapshot(
 def _sizes(known: Adaptation) -> dict[str, Any]:
     """Why nothing is learned now (None: it is), and rows of name, value, sd, unit, share compensated or None."""
     shares = known.share_by_name()
-    rows = [
-        [
-            name.replace("_", " "),
-            _number(e.value),
-            _number(e.sd),
-            "" if e.unit == "1" else e.unit,
-            shares.get(name),
-        ]
-        for name, e in known.estimates().items()
-    ]
+    rows = []
+    for name, e in known.estimates().items():
+        rows.append(
+            [
+                name.replace("_", " "),
+                _number(e.value),
+                _number(e.sd),
+                "" if e.unit == "1" else e.unit,
+                shares.get(name),
+            ]
+        )
     return {"paused": known.paused, "rows": rows}
 
 

@@ -215,11 +215,11 @@ def disturbed(seed: int) -> LawConstants:
     rng = random.Random(f"air {seed}")
     lengths = ("length", "height", "reach")
     while True:
-        factors = {
-            f.name: getattr(NOMINAL, f.name)
-            * math.exp(rng.gauss(0.0, 0.08 if f.name.endswith(lengths) else 0.12))
-            for f in fields(NOMINAL)
-        }
+        factors = {}
+        for f in fields(NOMINAL):
+            factors[f.name] = getattr(NOMINAL, f.name) * math.exp(
+                rng.gauss(0.0, 0.08 if f.name.endswith(lengths) else 0.12)
+            )
         truth = replace(NOMINAL, **factors)
         error = closed_form_error(truth)
         if 0.10 <= error.lift <= 0.30 and 0.10 <= error.tilt <= 0.30 and error.pull <= 0.40:

@@ -108,7 +108,10 @@ def run_compare(
 ) -> list[Flown]:
     """Fly every leg with every seed; ``workers`` of them at a time (default: one a core). Ordered by seed, then leg."""
     workers = workers or os.cpu_count() or 1
-    jobs = [(leg, seed) for seed in seeds for leg in legs or settings.legs]
+    jobs = []
+    for seed in seeds:
+        for leg in legs or settings.legs:
+            jobs.append((leg, seed))
     hidden = quiet or not sys.stderr.isatty()
     watched = partial(tqdm, total=len(jobs), desc="flights", file=sys.stderr, disable=hidden)
     if workers == 1 or len(jobs) == 1:

@@ -21,10 +21,9 @@ _POINTS = 800
 def write_plot(path: Path, found: LegComparison) -> None:
     """Write the SVG file; ConfigError where that fails."""
     flights = [f for f in found.flights if f.seed == found.seeds[0] and f.leg in _KINDS]
-    panels = {
-        f"{axis} error [{UNITS[axis]}]": [_line(f, axis) for f in flights]
-        for axis in ("height", "lateral")
-    }
+    panels = {}
+    for axis in ("height", "lateral"):
+        panels[f"{axis} error [{UNITS[axis]}]"] = [_line(f, axis) for f in flights]
     title = f"sim:{found.scenario}, simulated, seed {found.seeds[0]}"
     try:
         path.write_text(

@@ -36,7 +36,9 @@ class LegComparison:
     @property
     def legs(self) -> dict[Leg, list[Flown]]:
         """The flights of every leg that was flown."""
-        of_leg = {leg: [f for f in self.flights if f.leg is leg] for leg in Leg}
+        of_leg = {}
+        for leg in Leg:
+            of_leg[leg] = [f for f in self.flights if f.leg is leg]
         return {leg: flights for leg, flights in of_leg.items() if flights}
 
     @property
@@ -51,10 +53,10 @@ class LegComparison:
 
     def error(self) -> dict[str, float]:
         """How wrong the model is, mean over the seeds."""
-        return {
-            axis: float(np.mean([getattr(e, axis) for e in self.errors]))
-            for axis in ("lift", "pull", "tilt")
-        }
+        out = {}
+        for axis in ("lift", "pull", "tilt"):
+            out[axis] = float(np.mean([getattr(e, axis) for e in self.errors]))
+        return out
 
 
 def spread(flights: Sequence[Flown], number: Callable[[Flown], float]) -> tuple[float, float]:
@@ -74,12 +76,13 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str,
     sum |e_off - e_free|^2, instant by instant on flights that share their noise: the same question, less scatter.
     """
     compared = (Leg.OFF, leg, Leg.FREE)
-    by_seed = [
-        {f.leg: f for f in flights if f.seed == seed} for seed in sorted({f.seed for f in flights})
-    ]
-    trios = [
-        [by_leg[one] for one in compared] for by_leg in by_seed if set(compared) <= set(by_leg)
-    ]
+    by_seed = []
+    for seed in sorted({f.seed for f in flights}):
+        by_seed.append({f.leg: f for f in flights if f.seed == seed})
+    trios = []
+    for by_leg in by_seed:
+        if set(compared) <= set(by_leg):
+            trios.append([by_leg[one] for one in compared])
     if not trios:
         return None
     energy = {}
@@ -163,9 +166,10 @@ def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dic
     def of_phase(k: int, phase: str | None) -> dict[str, float | None]:
         return {a: _rounded(_rms(flights, a, k, phase)) for a in ("height", "lateral")}
 
-    return [
-        {phase or "all": of_phase(k, phase) for phase in found.phases} for k in found.approaches
-    ]
+    out = []
+    for k in found.approaches:
+        out.append({phase or "all": of_phase(k, phase) for phase in found.phases})
+    return out
 
 
 def _rounded(value: float, digits: int = 3) -> float | None:

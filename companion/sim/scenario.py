@@ -65,11 +65,10 @@ class Scenario:
         """The same script so many times in one flight."""
         long = self.duration_s
         last = self.waypoints[-1]
-        again = [
-            replace(k, time_s=k.time_s + i * long)
-            for i in range(times)
-            for k in self.waypoints[:-1]
-        ]
+        again = []
+        for i in range(times):
+            for k in self.waypoints[:-1]:
+                again.append(replace(k, time_s=k.time_s + i * long))
         return replace(self, waypoints=(*again, replace(last, time_s=times * long)))
 
     def reference(self, time_s: float) -> ScriptPoint:

@@ -107,10 +107,9 @@ class Summary:
         rows = np.stack(
             [self._low, self._sum / np.maximum(self._count, 1), self._high], axis=1
         ).tolist()
-        ranges = {
-            name: dict(zip(("min", "mean", "max"), row, strict=True)) if count else None
-            for name, row, count in zip(_SHOWN, rows, self._count, strict=True)
-        }
+        ranges = {}
+        for name, row, count in zip(_SHOWN, rows, self._count, strict=True):
+            ranges[name] = dict(zip(("min", "mean", "max"), row, strict=True)) if count else None
         return {
             "decisions": self.decisions,
             "commands": self.commands,

@@ -54,11 +54,10 @@ def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     """The data set from all cases. Raises ModelError without free air or without a case at another speed."""
     maker = _Maker(rows, setup)
     radius = setup.fan.radius_m
-    marks = {
-        (place, rpm): maker.row(place, rpm)
-        for rpm in sorted(maker.speeds)
-        for place in maker.places
-    }
+    marks = {}
+    for rpm in sorted(maker.speeds):
+        for place in maker.places:
+            marks[(place, rpm)] = maker.row(place, rpm)
     table = [[h * radius, d * radius, rpm, *label.wrench] for ((h, d), rpm), label in marks.items()]
     return Assembled(np.array(table), tuple(marks.values()), maker.law, maker.correction)
 
@@ -219,12 +218,11 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
     """
     base = solved[reference]
     others = {rpm: here for rpm, here in solved.items() if rpm != reference}
-    pairs = [
-        (rpm, place)
-        for rpm, here in others.items()
-        for place in here
-        if place != FREE and place in base
-    ]
+    pairs = []
+    for rpm, here in others.items():
+        for place in here:
+            if place != FREE and place in base:
+                pairs.append((rpm, place))
     if not pairs:
         raise ModelError("the cases lack positions at other rotor speeds; run the campaign on")
     logs = np.array([math.log(rpm / reference) for rpm, _ in pairs])
@@ -239,9 +237,9 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
         x = at_reference[:, k]
         y = elsewhere[:, k]
         exponent[k] = _exponent(logs, x, y)
-        drop = [
-            _exponent(*(np.delete(column, i) for column in (logs, x, y))) for i in range(len(x))
-        ]
+        drop = []
+        for i in range(len(x)):
+            drop.append(_exponent(*(np.delete(column, i) for column in (logs, x, y))))
         error[k] = math.sqrt((len(x) - 1) * np.var(drop))
         left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
     free_logs = np.array([math.log(rpm / reference) for rpm in others])

@@ -82,7 +82,12 @@ def _plan_full(setup: Setup) -> Iterator[Position]:
 def rows(folder: Path, positions: Sequence[Position]) -> list[Row]:
     """All finished cases, in the order of the plan. Raises ModelError for a result of another version."""
     found = ((p, folder / p.key / RESULT) for p in positions)
-    return [Row(p, row.result) for p, path in found if path.exists() for row in table.read(path)]
+    out = []
+    for p, path in found:
+        if path.exists():
+            for row in table.read(path):
+                out.append(Row(p, row.result))
+    return out
 
 
 def start_for(position: Position, finished: Sequence[Row]) -> Position | None:

@@ -56,7 +56,9 @@ def fill(folder: Path, name: str, **values: float | str) -> None:
 
 
 def _filled(name: str, **values: float | str) -> str:
-    texts = {key: v if isinstance(v, str) else f"{v:.10g}" for key, v in values.items()}
+    texts = {}
+    for key, v in values.items():
+        texts[key] = v if isinstance(v, str) else f"{v:.10g}"
     return _Template((TEMPLATES / name).read_text("utf-8")).substitute(texts)
 
 

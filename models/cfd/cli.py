@@ -88,9 +88,9 @@ def _run(args: argparse.Namespace) -> Any:
     campaign.run(args.work, setup, section, positions, args.jobs, bars)
     bars.close()
     rows = campaign.rows(args.work, positions)
-    count = {
-        s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})
-    }
+    count = {}
+    for s in sorted({r.result.status for r in rows}):
+        count[s] = sum(r.result.status == s for r in rows)
     if speaks(args):
         print(
             f"{len(rows)} of {len(positions)} cases: "
@@ -105,7 +105,9 @@ def _rows(args: argparse.Namespace, setup: Any) -> Any:
 
     if args.work is None:
         return table.read(args.cases or SHIPPED_CASES)
-    found = {row.position: row for row in (table.read(args.cases) if args.cases else [])}
+    found = {}
+    for row in table.read(args.cases) if args.cases else []:
+        found[row.position] = row
     for folder in args.work:
         here = campaign.rows(folder, [p for model in MODELS for p in campaign.plan(setup, model)])
         if not here:

@@ -131,7 +131,12 @@ class Meridian:
         gap = self.z[1] - self.z[0]
         # Few cells in a thin gap, the full number from 3 R on.
         below = mesh.below * min(1.0, 0.45 + 0.55 * gap / 3.0)
-        duct = [LAYERS if i in (1, 3) else self.n(c) for i, c in enumerate(mesh.duct)]
+        duct = []
+        for i, c in enumerate(mesh.duct):
+            if i in (1, 3):
+                duct.append(LAYERS)
+            else:
+                duct.append(self.n(c))
         return [self.n(below), *duct, self.n(mesh.above)]
 
 

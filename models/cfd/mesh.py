@@ -152,7 +152,10 @@ class _Builder:
 
     def _core(self, row: int, angles: Sequence[float]) -> None:
         """The quadrilateral of one half, above or below the hub."""
-        corners = [self._on_circle(r, self.radii[0][r], t) for r in (row, row + 1) for t in angles]
+        corners = []
+        for r in (row, row + 1):
+            for t in angles:
+                corners.append(self._on_circle(r, self.radii[0][r], t))
         self.out.block(
             corners, "", [self.around, self.around, self.rows[row]], ["1", "1", self.grade_z(row)]
         )
@@ -256,7 +259,10 @@ class _Builder:
         grading: tuple[str, str],
     ) -> None:
         places = list(zip((x[0], x[1], x[1], x[0]), (y[0], y[0], y[1], y[1]), strict=True))
-        corners = [self._cartesian(r, *place) for r in (row, row + 1) for place in places]
+        corners = []
+        for r in (row, row + 1):
+            for place in places:
+                corners.append(self._cartesian(r, *place))
         order = [0, 1, 2, 3, 4, 5, 6, 7]
         step = 1
         if y[1] < y[0]:

@@ -42,7 +42,10 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for p, r in ((row.position, row.result) for row in rows):
-        numbers = [v for name in NUMBERS for v in getattr(r, name)]
+        numbers = []
+        for name in NUMBERS:
+            for v in getattr(r, name):
+                numbers.append(v)
         out.writerow(
             [
                 *(p.model, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
@@ -80,7 +83,9 @@ def _row(cell: dict[str, str]) -> Row:
     h, d, rpm, level = (float(cell[name]) for name in ("h_over_r", "d_over_r", "rpm", "level"))
     if any(math.isnan(v) for v in (h, d, rpm, level)):
         raise ValueError("h, d, rpm and level must be numbers")
-    numbers = {name: tuple(float(cell[c]) for c in columns) for name, columns in NUMBERS.items()}
+    numbers = {}
+    for name, columns in NUMBERS.items():
+        numbers[name] = tuple(float(cell[c]) for c in columns)
     counts = {name: int(cell[name]) for name in COUNTS}
     words = {name: cell[name] for name in ("status", "start", "note")}
     result = Result(**numbers, **counts, **words, seconds=float(cell["seconds"]))  # type: ignore[arg-type]

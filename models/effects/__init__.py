@@ -42,10 +42,9 @@ __all__ = [
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[Effect, ...]:
     """Every effect, in alphabetical order of its file."""
-    modules = [
-        import_module(f"{__name__}.{name}")
-        for name in sorted(m.name for m in iter_modules(__path__))
-    ]
+    modules = []
+    for name in sorted(m.name for m in iter_modules(__path__)):
+        modules.append(import_module(f"{__name__}.{name}"))
     return tuple(module.EFFECT for module in modules if hasattr(module, "EFFECT"))
 
 

@@ -541,11 +541,11 @@ class Effect:
         times = {FROM_S, UNTIL_S}
         gone = {c.name for c in self.coefficients if self.of_day(c)} | times
         own = {s.name for s in self.shapes}
-        return {
-            name: 0.0 if name in gone else value
-            for name, value in parameters.items()
-            if name not in times or name in own
-        }
+        out = {}
+        for name, value in parameters.items():
+            if name not in times or name in own:
+                out[name] = 0.0 if name in gone else value
+        return out
 
     @property
     def for_a_time(self) -> Effect:

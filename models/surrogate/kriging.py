@@ -67,11 +67,11 @@ class KrigingRegressor:
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
-        return {
-            f"{name}_{i}": value
-            for i, p in enumerate(self.processes)
-            for name, value in vars(p).items()
-        }
+        out = {}
+        for i, p in enumerate(self.processes):
+            for name, value in vars(p).items():
+                out[f"{name}_{i}"] = value
+        return out
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> KrigingRegressor:

@@ -162,7 +162,10 @@ def _check_schema(manifest: Mapping[str, Any]) -> None:
 
 
 def _tuples(section: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in section.items()}
+    out = {}
+    for k, v in section.items():
+        out[k] = tuple(v) if isinstance(v, list) else v
+    return out
 
 
 def _entry(e: AdoptedEffect) -> dict[str, Any]:

@@ -59,9 +59,9 @@ def px4_rotors(parameters: Mapping[str, float]) -> Px4Rotors | None:
 def px4_motors(parameters: Mapping[str, float]) -> tuple[Frame, float] | None:
     """Motors of CA_ROTORn_*, places over the longest arm, and that arm's length [m]; None where PX4 says nothing."""
     count = int(parameters.get("CA_ROTOR_COUNT", 0))
-    places = [
-        tuple(parameters.get(f"CA_ROTOR{k}_P{axis}", 0.0) for axis in "XYZ") for k in range(count)
-    ]
+    places = []
+    for k in range(count):
+        places.append(tuple(parameters.get(f"CA_ROTOR{k}_P{axis}", 0.0) for axis in "XYZ"))
     arm = max((math.hypot(x, y) for x, y, _ in places), default=0.0)
     if arm <= 0.0:
         return None

@@ -116,9 +116,10 @@ def _explanations(
         factors.setdefault(2.0 / count, f"electrical speed (eRPM) of {count} poles")
     for count in POLES:
         factors.setdefault(poles / count, f"{count} poles instead of {poles}")
-    known = [
-        (f, text) for f, text in factors.items() if all(r.low <= rpm * f <= r.high for r in ranges)
-    ]
+    known = []
+    for f, text in factors.items():
+        if all(r.low <= rpm * f <= r.high for r in ranges):
+            known.append((f, text))
     by_fit = sorted(known, key=lambda item: abs(math.log(rpm * item[0] / worst.usual)))
     return sorted(by_fit, key=lambda item: item[0] not in usual)
 

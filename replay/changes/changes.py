@@ -101,7 +101,9 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     """A flight beside the good ones, the terms that it may differ by, and the fit of what all have in common."""
     flights = [*good.records, today]
     last = len(flights) - 1
-    shapes = {e.name: tuple(e.parameters[s.name] for s in get(e.name).shapes) for e in good.found}
+    shapes = {}
+    for e in good.found:
+        shapes[e.name] = tuple(e.parameters[s.name] for s in get(e.name).shapes)
     # A load counts as a change; the weather of a flight is in the spread.
     common = [
         e for e in catalogue() if not e.remainder and (not e.belongs_to.of_day or e.name in shapes)
@@ -109,7 +111,9 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
     parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]
     other = [_changed(e, e.name in shapes, today.context) for e in parts]
-    spread = [[size.wrench(r) for size in good.sizes] for r in flights]
+    spread = []
+    for r in flights:
+        spread.append([size.wrench(r) for size in good.sizes])
     evidence = Evidence(Library(flights, [*same, *other], spread))
     terms = evidence.library.terms
     candidates = [
@@ -233,15 +237,15 @@ def _shared(effect: Effect) -> Effect:
     """An effect that good flights have in common, their load included; the weather is each flight's own."""
     if effect.belongs_to is BelongsTo.WEATHER:
         return effect
-    own = [c.belongs_to if c.belongs_to is BelongsTo.WEATHER else None for c in effect.coefficients]
-    coefficients = tuple(
-        replace(c, belongs_to=b) for c, b in zip(effect.coefficients, own, strict=True)
-    )
+    coefficients = []
+    for c in effect.coefficients:
+        of_weather = c.belongs_to is BelongsTo.WEATHER
+        coefficients.append(c if of_weather else replace(c, belongs_to=None))
     if effect.belongs_to is BelongsTo.LOAD:
         belongs_to = BelongsTo.VEHICLE
     else:
         belongs_to = effect.belongs_to
-    return replace(_from_the_start(effect), belongs_to=belongs_to, coefficients=coefficients)
+    return replace(_from_the_start(effect), belongs_to=belongs_to, coefficients=tuple(coefficients))
 
 
 def _changed(effect: Effect, known: bool, today: Context) -> Effect:

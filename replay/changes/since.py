@@ -87,7 +87,9 @@ def since(
     flights = tuple((r, changes(as_it_was, r)) for r in records)
     stays = []
     for name in dict.fromkeys(c.name for _, own in flights for c in own):
-        shows = [[c for c in own if c.name == name] for _, own in flights]
+        shows = []
+        for _, own in flights:
+            shows.append([c for c in own if c.name == name])
         at = _change_point([bool(own) for own in shows])
         if at is None:
             notes.append(f"{name} on single flights only")

@@ -275,7 +275,10 @@ class Diagnosis(Searched):
 
     def _read_from(self) -> list[str]:
         """A note for every quantity that a flight held several times."""
-        notes = [f"{r.name}: {note}" for r in self.records for note in source_notes(r.sources)]
+        notes = []
+        for r in self.records:
+            for note in source_notes(r.sources):
+                notes.append(f"{r.name}: {note}")
         return list(dict.fromkeys(notes))
 
 
@@ -347,7 +350,10 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
 def _values(estimates: Sequence[IntervalEstimate], answer: Diagnosis) -> dict[str, float | None]:
     """Parameters without intervals."""
     said = in_shares(estimates, answer.vehicle)
-    return {e.name: e.value if e.determined else None for e in said}
+    out = {}
+    for e in said:
+        out[e.name] = e.value if e.determined else None
+    return out
 
 
 def _effect_text(f: Found, answer: Diagnosis) -> list[str]:

@@ -80,5 +80,7 @@ def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float,
     """RMS of one axis over the flights that judge it, with its interval."""
     judged = [t for t in answer.traces if axis in t.record.axes]
     factor, _ = answer.unit(axis)
-    parts = [(t.after if after else t.before)[t.record.valid, axis] * factor for t in judged]
+    parts = []
+    for t in judged:
+        parts.append((t.after if after else t.before)[t.record.valid, axis] * factor)
     return rms_interval(np.concatenate(parts), judged[0].record.step_s)

@@ -86,10 +86,11 @@ def run(a: argparse.Namespace) -> int:
                         a.log, config, a.target_system, assumed_parameters(a.param), quiet=a.quiet
                     )
                     pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
-            tables = [
-                table(log, decisions[log.boot].columns() if log.boot in decisions else ())
-                for log in logs
-            ]
+            tables = []
+            for log in logs:
+                tables.append(
+                    table(log, decisions[log.boot].columns() if log.boot in decisions else ())
+                )
             columns = list({c.name: c.blank() for one in tables for c in one.columns}.values())
             about = {
                 "log": a.log.name,

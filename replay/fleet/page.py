@@ -63,7 +63,10 @@ def _diagnosed(judged: Sequence[Answer]) -> tuple[str, str]:
 
 def common_effects(judged: Sequence[Answer]) -> list[list[str]]:
     """Effects that half of the logs name, or cannot tell from one that they name; these stand together in a list."""
-    groups = [set(group) for a in judged for group in a["aliases"]]
+    groups = []
+    for a in judged:
+        for group in a["aliases"]:
+            groups.append(set(group))
     shown = Counter(name for a in judged for name in _shown(a))
     named = Counter(effect["name"] for a in judged for effect in a["effects"])
     out: list[list[str]] = []

@@ -78,11 +78,10 @@ class LogInfo:
         air_s = sum(b.air_s for b in self.boots)
         of_boots = zip(*(b.judges for b in self.boots), strict=True)
         best = [min(same, key=lambda a: _BEST.index(a.answer)) for same in of_boots]
-        can = [
-            f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}"
-            for a in best
-            if a.answer != Extent.NO
-        ]
+        can = []
+        for a in best:
+            if a.answer != Extent.NO:
+                can.append(f"{a.question}{' in part' if a.answer is Extent.PARTLY else ''}")
         frame = self.vehicle.partition(", drafted")[0]
         said = (
             f"{name or Path(self.log).name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"

@@ -387,16 +387,18 @@ def read_boots(path: Path) -> list[Dataflash]:
     check_head(path, data, _HEAD, "ArduPilot dataflash log")
     walk = _Walk(data)
     notes += walk.notes()
-    found = [
-        {kind: np.frombuffer(places, np.int64) for kind, places in boot.items()}
-        for boot in walk.boots
-        if boot
-    ]
+    found = []
+    for boot in walk.boots:
+        if boot:
+            found.append({kind: np.frombuffer(places, np.int64) for kind, places in boot.items()})
     logs = [
         Dataflash(path=path, boot=0, size=len(raw), data=data, places=p, notes=tuple(notes))
         for p in found
     ]
-    starts = [part for log in logs for part in log.starts()]
+    starts = []
+    for log in logs:
+        for part in log.starts():
+            starts.append(part)
     return [replace(part, boot=number) for number, part in enumerate(starts)]
 
 

@@ -433,11 +433,11 @@ def _escs(data: Dataflash) -> dict[int, EscRecord]:
             rpm = sensors.column(f"rpm{i}")
             known = rpm >= 0.0
             by_esc[i] = Messages("RPM", sensors.t_s[known], {"RPM": rpm[known]})
-    return {
-        esc: EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp")))
-        for esc, own in sorted(by_esc.items())
-        if np.nan_to_num(own.column("RPM")).any()
-    }
+    out = {}
+    for esc, own in sorted(by_esc.items()):
+        if np.nan_to_num(own.column("RPM")).any():
+            out[esc] = EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp")))
+    return out
 
 
 def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:

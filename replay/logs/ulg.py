@@ -213,7 +213,10 @@ class _Reader:
     def flightlog(self) -> FlightLog:
         """All columns."""
         names = ("vehicle_attitude", "sensor_combined")
-        stamps = [t.t_s for n in names for t in self._topics.get(n, [])]
+        stamps = []
+        for n in names:
+            for t in self._topics.get(n, []):
+                stamps.append(t.t_s)
         start, end = time_span(self._path, stamps, " or ".join(names))
         status = self._first("vehicle_status")
         attitude = self._first("vehicle_attitude")

@@ -42,10 +42,10 @@ class Day:
 
     def as_json(self) -> dict[str, dict[str, float]]:
         """Effects to their numbers."""
-        return {
-            name: {key: float(f"{value:.4g}") for key, value in said.items()}
-            for name, said in self.said.items()
-        }
+        out = {}
+        for name, said in self.said.items():
+            out[name] = {key: float(f"{value:.4g}") for key, value in said.items()}
+        return out
 
 
 def learning_time(record: Record) -> Mask:
@@ -116,10 +116,9 @@ def _said(
             *effect.contains,
         }
         own = known.get(name, {})
-        beside = {
-            c.name: 0.0 if declared else own.get(c.name, c.mean(context))
-            for c in effect.coefficients
-        }
+        beside = {}
+        for c in effect.coefficients:
+            beside[c.name] = 0.0 if declared else own.get(c.name, c.mean(context))
         beside |= {s.name: own.get(s.name, 0.0) for s in effect.shapes}
         quantities = {q.instead_of: q.name for q in effect.shown.quantities}
         said = effect.said(context, beside | found)

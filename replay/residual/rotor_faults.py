@@ -160,7 +160,10 @@ def shifted_speeds(
     ranks = dict(zip(sorted(numbers), moving, strict=True))
     by_motor = {motor: declared.get(motor, motor) for motor in range(1, len(numbers) + 1)}
     ways = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
-    right = [[moving.index(o) for o in way] for way in ways if set(way) == set(moving)]
+    right = []
+    for way in ways:
+        if set(way) == set(moving):
+            right.append([moving.index(o) for o in way])
     rows = range(len(numbers))
     usual = max(float(fits[rows, way].mean()) for way in right)
     wrong = [order for way in right for order in _disorders(way)]

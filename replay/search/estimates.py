@@ -292,7 +292,9 @@ def _folds_variance(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     if three is None:
         return 0.0
     values = np.array([t.shape[i] for t in three])
-    sets = [[t if old is term else old for old in walked.best.terms] for t in three]
+    sets = []
+    for t in three:
+        sets.append([t if old is term else old for old in walked.best.terms])
     variance = 0.0
     for flight in flights:
         vertices = []

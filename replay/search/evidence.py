@@ -140,7 +140,9 @@ class Evidence:
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
-        rest = [np.stack([channel.rows[0] for channel in axes]) for axes in self.library.flights]
+        rest = []
+        for axes in self.library.flights:
+            rest.append(np.stack([channel.rows[0] for channel in axes]))
         return self._noise(rest, self._energies(rest), np.zeros(len(self.library.channels)))
 
     @cached_property

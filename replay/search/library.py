@@ -103,13 +103,12 @@ class Library:
                 self.remainders.append(effect)
             else:
                 self._add_effect(effect, usable)
-        known = {
-            (channel, axis)
-            for t in self.terms
-            if t.effect is not None
-            for channel in t.effect.channels
-            for axis in t.effect.axes
-        }
+        known = set()
+        for t in self.terms:
+            if t.effect is not None:
+                for channel in t.effect.channels:
+                    for axis in t.effect.axes:
+                        known.add((channel, axis))
         for curve in curves(self.records):
             self._add_curve(
                 curve, curve.name in ATTITUDE or (curve.name, AXES[curve.axis]) in known
@@ -306,11 +305,10 @@ class Library:
             self._mix(effect, f, effect.mixing(shape) * spread, place)
             return []
         x = regressors_of(effect, record, shape) * spread
-        bent = [
-            b[:: self.every[f]]
-            for i in _with_errors_of_form(effect)
-            for b in bent_forms(x[:, :, i], record)
-        ]
+        bent = []
+        for i in _with_errors_of_form(effect):
+            for b in bent_forms(x[:, :, i], record):
+                bent.append(b[:: self.every[f]])
         self._put(f, self._searched_axes(effect, f), place, x[:: self.every[f]])
         if effect.kinematic_bias is not None:
             part = effect.kinematic_bias(record.context, shape) * spread
@@ -465,7 +463,10 @@ class Design:
     @cached_property
     def _acting(self) -> list[list[tuple[Columns, Array]]]:
         """Of every axis of every flight the columns that act on it, by their numbers (m,), and their rows (m, n)."""
-        return [[self._on(channel) for channel in axes] for axes in self.library.flights]
+        out = []
+        for axes in self.library.flights:
+            out.append([self._on(channel) for channel in axes])
+        return out
 
     def _on(self, channel: ResidualChannel) -> tuple[Columns, Array]:
         rows = channel.where[self.columns]

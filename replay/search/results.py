@@ -159,9 +159,12 @@ def summarise(walked: Walked) -> Searched:
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
     """A map of surfaces and the laws that it corrects: only their sum is known well."""
-    return {
-        name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)
-    }
+    out = set()
+    for effect in effects:
+        if effect.remainder:
+            for name in (effect.name, *effect.aliases):
+                out.add(name)
+    return out
 
 
 def _at_most_all(found: Sequence[Found]) -> list[Found]:
@@ -237,7 +240,12 @@ def _without(fit: FlightFit, keys: Sequence[Key], axis: int) -> FlightFit:
 
 def _carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
     """Axes on which an effect clearly acts."""
-    return {axis for f in fits if key in f.effects for axis in f.effects[key].axes}
+    out = set()
+    for f in fits:
+        if key in f.effects:
+            for axis in f.effects[key].axes:
+                out.add(axis)
+    return out
 
 
 def _worse_axes(fits: Sequence[FlightFit]) -> list[int]:
@@ -303,7 +311,11 @@ def _found(
     """One effect; where every flight has a term of its own, its numbers are those of the one that explains most."""
     shares = {t.key: _share(fits, t.key) for t in terms}
     term = max(terms, key=lambda t: (shares[t.key], -_shown_by(t, fits)))
-    carried = {axis for f in fits if term.key in f.effects for axis in f.effects[term.key].axes}
+    carried = set()
+    for f in fits:
+        if term.key in f.effects:
+            for axis in f.effects[term.key].axes:
+                carried.add(axis)
     instead = tuple(others.get(term.key, ()))
     flight = _shown_by(term, fits)
     acts = {f.index: (t, f) for t in terms for f in fits if t.key in f.effects}

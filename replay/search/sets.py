@@ -114,7 +114,10 @@ class Walked:
         """Why an effect is not in the answer."""
         if name in self.worse:
             return "it makes the error on held-out time larger"
-        with_it = [f for f in self.ranked() if name in {t.name for t in f.terms}]
+        with_it = []
+        for f in self.ranked():
+            if name in {t.name for t in f.terms}:
+                with_it.append(f)
         if not with_it:
             return "no better than chance"
         fit = with_it[0]

@@ -36,7 +36,12 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
     """The best set with the map in its likeliest spread, each of its numbers in turn (empirical Bayes)."""
     library = walked.evidence.library
     # The map takes the place of the model-form errors of the laws that it corrects.
-    named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
+    named = []
+    for t in walked.best.terms:
+        if t.name in effect.aliases:
+            named.append(without_form(t))
+        else:
+            named.append(t)
     grid = np.array(effect.shape_grid(library.records[0].context))
 
     evidence = walked.evidence
@@ -58,10 +63,9 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
     """Without the terms that the map, which is the last, clearly makes unnecessary."""
-    lighter = [
-        walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise)
-        for term in fit.terms[:-1]
-    ]
+    lighter = []
+    for term in fit.terms[:-1]:
+        lighter.append(walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise))
     lightest = max(lighter, key=lambda f: f.promise, default=fit)
     if lightest.promise > fit.promise + MARGIN:
         return _lighter(walked, lightest)

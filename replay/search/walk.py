@@ -116,7 +116,11 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
     """The best shapes of what might be added, beside the set's own noise and beside quiet noise."""
     evidence = sets.evidence
     taken = {t.key for t in fit.terms}
-    inside = {name for t in fit.terms if t.effect is not None for name in t.effect.contains}
+    inside = set()
+    for t in fit.terms:
+        if t.effect is not None:
+            for name in t.effect.contains:
+                inside.add(name)
     names = {t.name for t in fit.terms}
     terms = evidence.library.terms
     rivals = [

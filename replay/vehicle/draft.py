@@ -129,7 +129,10 @@ def draft(
     """
     read: dict[Path, list[FlightLog]] = {}
     logs = _flown(paths[:_LOGS], target_system, given.settings, read)
-    parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
+    parameters = {}
+    for log in reversed(logs):
+        for key, value in log.parameters.items():
+            parameters[key] = value
     logs = [
         log for log in logs if turns(log)
     ] or logs  # what stood on the bench lends its parameters alone
@@ -227,7 +230,10 @@ def _flown(
     for path in paths:
         try:
             read[path] = load(path, target_system, settings)
-            parts = [part for log in read[path] for part in log.stretches()]
+            parts = []
+            for log in read[path]:
+                for part in log.stretches():
+                    parts.append(part)
         except LogError as error:
             problems.append(error)
             continue
@@ -274,7 +280,11 @@ def _rpm(logs: Sequence[FlightLog], frame: Airframe) -> float | None:
     """Median rotor speed, rotors that stand still left out."""
     if not frame.telemetered:
         return None
-    speeds = [log.escs[n].rpm for log in logs for n in frame.numbers.values() if n in log.escs]
+    speeds = []
+    for log in logs:
+        for n in frame.numbers.values():
+            if n in log.escs:
+                speeds.append(log.escs[n].rpm)
     turning = [rpm.values[rpm.values > 0.0] for rpm in speeds if rpm is not None]
     medians = [float(np.median(values)) for values in turning if values.size]
     if medians:

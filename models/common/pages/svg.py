@@ -122,7 +122,10 @@ def _panel(
     lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int
 ) -> str:
     xs = _Scale(np.concatenate([line.x for line in lines]), _LEFT, width - _RIGHT)
-    ends = [line.y + sign * line.error for line in lines for sign in (-1.0, 1.0)]
+    ends = []
+    for line in lines:
+        for sign in (-1.0, 1.0):
+            ends.append(line.y + sign * line.error)
     ys = _Scale(np.concatenate([*ends, [0.0]]), HEIGHT - _BOTTOM, _TOP)
     shaded = "".join(_band(band, xs) for band in bands)
     drawn = "".join(
