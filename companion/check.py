@@ -355,8 +355,7 @@ def _rates(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 def _rate(name: str, message: str, hz: float, least: float, good: float, text: str = "") -> Item:
     do = (
         f"raise the rate of {message} on this port (ArduPilot SRn_*, PX4 MAV_n_MODE and "
-        "MAV_n_RATE), or the baud "
-        "rate; another station may be turning it down"
+        "MAV_n_RATE), or the baud rate; another station may be turning it down"
     )
     return _judged(
         name,
@@ -476,8 +475,8 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         if s.first_esc <= escs[0] < s.first_esc + len(s.rpm)
     )
     telemetry = (
-        "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the "
-        "numbers in the vehicle file"
+        "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the numbers in the "
+        "vehicle file"
     )
     yield _judged(
         "rotor speeds",
@@ -506,8 +505,7 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         lift, (low, high) = median(heard.lift), IN_HOVER
         do = (
             "mass_kg, rotor_radius_m, ct or --model are of another vehicle; near 4 or 1/4 the "
-            "pole count is wrong by "
-            "two (SERVO_BLH_POLES)"
+            "pole count is wrong by two (SERVO_BLH_POLES)"
         )
         text = f"by rotor speeds and model the rotors lift {lift:.2f} of the weight in hover"
         yield _judged("lift in hover", text, (not low <= lift <= high, _FAIL, "", do))
@@ -523,8 +521,8 @@ def _hover(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         theirs = hover_parameter(heard.state.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
         text = (
-            f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the "
-            "vehicle file"
+            f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the vehicle "
+            "file"
         )
         do = f"set hover_thrust = {theirs:.2f} in the vehicle file, or the autopilot's parameter"
         fault = (abs(theirs - declared) > DISAGREEMENT * declared, _WARN, "", do)

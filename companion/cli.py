@@ -41,8 +41,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line of ``companion``."""
     p = Parser(
         prog="companion",
-        description="Compensate the disturbance by ground, wall and corner on a hovering "
-        "vehicle, over MAVLink.",
+        description="Compensate the disturbance by ground, wall and corner on a hovering vehicle, "
+        "over MAVLink.",
         epilog=_EPILOG,
     )
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
@@ -58,15 +58,13 @@ def parser() -> argparse.ArgumentParser:
         type=vehicle_path,
         metavar="FILE.toml",
         help="vehicle file, or the name of one that ships: tandem, quad; without one sim: flies "
-        "the "
-        "tandem, and to a real link nothing is sent",
+        "the tandem, and to a real link nothing is sent",
     )
     p.add_argument(
         "--model",
         metavar="DIR",
         help="model directory, or none: no offsets (default: the shipped model, and none for a "
-        "vehicle "
-        "with another fan)",
+        "vehicle with another fan)",
     )
     p.add_argument(
         "--check",
@@ -74,8 +72,7 @@ def parser() -> argparse.ArgumentParser:
         const=True,
         metavar="FLIGHT.tlog",
         help="listen for ten seconds, or read a log, and say per item whether to fly and what to "
-        "set; "
-        "sends no setpoint",
+        "set; sends no setpoint",
     )
     p.add_argument("--dry-run", action="store_true", help="compute and report, send no setpoint")
     p.add_argument(
@@ -83,8 +80,7 @@ def parser() -> argparse.ArgumentParser:
         default="hold",
         metavar="hold|ENDPOINT",
         help="hold: built-in hold where it engaged; or an endpoint on which an upstream "
-        "controller sends "
-        "SET_ATTITUDE_TARGET, forwarded with the offset added",
+        "controller sends SET_ATTITUDE_TARGET, forwarded with the offset added",
     )
     p.add_argument(
         "--carrier",
@@ -97,8 +93,7 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE.tlog",
         help="record both directions of the link; a folder, or a name with {date} and {boot}, is "
-        "filled in; "
-        "no file is ever overwritten: -2, -3 ... is added to the name",
+        "filled in; no file is ever overwritten: -2, -3 ... is added to the name",
     )
     p.add_argument(
         "--page",
@@ -109,16 +104,14 @@ def parser() -> argparse.ArgumentParser:
         "--survey",
         metavar="BOX",
         help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and "
-        "back, "
-        "to learn ground and wall from the recording; another mode or target ends it",
+        "back, to learn ground and wall from the recording; another mode or target ends it",
     )
     p.add_argument(
         "--adapt",
         type=read_adapt,
         metavar="off|full",
         help="full: measure the sizes of the model's effects in flight and compensate by them, "
-        "up to 1.5 of "
-        "the model (default: full; off with --compare)",
+        "up to 1.5 of the model (default: full; off with --compare)",
     )
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument(
@@ -138,10 +131,8 @@ def parser() -> argparse.ArgumentParser:
         "--compare",
         action="store_true",
         help="with sim:NAME: fly the approach with and without offsets, in free air, by the "
-        "autopilot, and "
-        "print the errors; with --adapt full three approaches in each flight; --record takes the "
-        "flight "
-        "without offsets",
+        "autopilot, and print the errors; with --adapt full three approaches in each flight; "
+        "--record takes the flight without offsets",
     )
     p.add_argument(
         "--plot",

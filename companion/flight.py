@@ -512,8 +512,8 @@ class Flight:
             return "nothing was heard; does the autopilot send there?"
         if not self._link.received:
             return (
-                f"{self._link.bad} damaged or unsigned frames and no good one: check baud "
-                "rate and signing key"
+                f"{self._link.bad} damaged or unsigned frames and no good one: check baud rate "
+                "and signing key"
             )
         if self._options.target_system:
             who = f" of system {self._options.target_system}"

@@ -97,8 +97,8 @@ class Requirement(Enum):
     ARMED = "no setpoint unless the autopilot says that it is armed"
     MODE = "no setpoint outside GUIDED and OFFBOARD (PX4 before OFFBOARD: no offset and no place)"
     LANDED = (
-        "no setpoint while the autopilot says that it stands on the ground, unless range "
-        "and rotors contradict it"
+        "no setpoint while the autopilot says that it stands on the ground, unless range and "
+        "rotors contradict it"
     )
     LINK = "no setpoint after the autopilot's heartbeats have stopped"
     DRY_RUN = "a dry run sends no setpoint"

@@ -56,8 +56,7 @@ def choose(vehicle: Vehicle, name: str | None, shipped: str | None = None) -> Ch
     except ConfigError:
         raise ConfigError(
             "vehicle file: key 'fan.ct' is missing, and the shipped model is of another fan "
-            f"({'; '.join(wrong)}): "
-            "give ct, or --model of this vehicle"
+            f"({'; '.join(wrong)}): give ct, or --model of this vehicle"
         ) from None
 
 
@@ -67,7 +66,6 @@ def choose_to_fly(vehicle: Vehicle, name: str | None, shipped: str | None = None
     if chosen.contradictions:
         raise ConfigError(
             f"--model {name}: is of another fan than the vehicle file "
-            f"({'; '.join(chosen.contradictions)}); "
-            "use this vehicle's own model, or --model none"
+            f"({'; '.join(chosen.contradictions)}); use this vehicle's own model, or --model none"
         )
     return chosen

@@ -83,8 +83,8 @@ def _parser() -> argparse.ArgumentParser:
         nargs=2,
         type=float,
         metavar=("RADIUS", "LIP"),
-        help="rotor and outer lip radius [m] of the fan that the data are of: flight then "
-        "refuses it on another fan",
+        help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses "
+        "it on another fan",
     )
     train.add_argument(
         "--places",
@@ -189,8 +189,8 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
     else:
         sigma = f" --sigma {args.sigma}"
     command = (
-        f"models train --data {args.data}{sigma} --method "
-        f"{result.numbers['use']['method']} --out DIR"
+        f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out "
+        "DIR"
     )
     if args.report:
         write_page(args.report, result, command)
@@ -258,8 +258,8 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
 
         if sigma is not None:
             raise ConfigError(
-                f"--sigma {sigma}: the closed form has none; give it with the CSV that it "
-                "belongs to"
+                f"--sigma {sigma}: the closed form has none; give it with the CSV that it belongs "
+                "to"
             )
         return ClosedForm().data_set(), dict(FIDELITY)
     from models.dataset import read, with_sigma

@@ -228,9 +228,9 @@ def _merge_duplicates(
     if len(differ):
         row, k = differ[0]
         raise ModelError(
-            f"data set {path}: lines {number[twin[row]]} and {number[row]} are the same point "
-            "but disagree in "
-            f"{COLUMNS[3 + k]} ({values[twin[row], 3 + k]:g} and {values[row, 3 + k]:g}); keep one"
+            f"data set {path}: lines {number[twin[row]]} and {number[row]} are the same point but "
+            f"disagree in {COLUMNS[3 + k]} ({values[twin[row], 3 + k]:g} and "
+            f"{values[row, 3 + k]:g}); keep one"
         )
     if len(first) < len(values):
         notes.append(f"{len(values) - len(first)} duplicate rows that agree were merged")
@@ -246,8 +246,7 @@ def _drop_rest(path: Path, number: NDArray[np.intp], values: Array, notes: list[
         row, k = loaded[0]
         raise ModelError(
             f"data set {path}: line {number[row]} is at rest (rpm 0) but has {AXES[k]} = "
-            f"{values[row, 3 + k]:g}; "
-            "remove the sensor's offset"
+            f"{values[row, 3 + k]:g}; remove the sensor's offset"
         )
     if rest.any():
         notes.append(

@@ -27,9 +27,8 @@ def add_parser(commands: Any) -> None:
         help="say whether a recorded flight kept the safety requirements",
         epilog=_EPILOG,
         description="Check everything that the companion sent in a recorded flight against what "
-        "it heard. The "
-        "recording must hold both directions, as companion --record and ground stations write "
-        "them.",
+        "it heard. The recording must hold both directions, as companion --record and ground "
+        "stations write them.",
     )
     p.add_argument("logs", nargs="+", type=Path, metavar="FLIGHT.tlog")
     p.add_argument(

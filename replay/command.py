@@ -24,12 +24,12 @@ from replay.source_options import source_settings
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 _OUTLINED = (
-    "the vehicle is drafted from parameters and outputs alone: its sizes and its thrust "
-    "are typical ones"
+    "the vehicle is drafted from parameters and outputs alone: its sizes and its thrust are "
+    "typical ones"
 )
 _NO_MODEL = (
-    "no model of this vehicle is known: what ground and walls do to it is found in the "
-    "log, not known before"
+    "no model of this vehicle is known: what ground and walls do to it is found in the log, not "
+    "known before"
 )
 """Of a drafted vehicle that sees a surface."""
 

@@ -28,8 +28,8 @@ class Reason(Enum):
     TAKING_OFF = "waiting for the end of the take-off"
     HOVER_UNKNOWN = "hover thrust not known yet: let the autopilot hover for a few seconds"
     HOVER_IMPLAUSIBLE = (
-        "the autopilot's hover parameter contradicts the vehicle file, and no "
-        "thrust could be learned"
+        "the autopilot's hover parameter contradicts the vehicle file, and no thrust could be "
+        "learned"
     )
     NO_MARGIN = "attitude too slow or positions too late for a hold that is stable and firm"
     SWINGS_ON = "the hold swings even with soft gains"

@@ -163,7 +163,7 @@ def advice(stack: Stack, parameters: Mapping[str, float]) -> str | None:
     if stack is not Stack.ARDUPILOT or timeout <= 1.0:
         return None
     held = (
-        f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held "
-        "that long"
+        f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held that "
+        "long"
     )
     return f"{held}; 0.5 s is better indoors"

@@ -23,8 +23,8 @@ _MOST_A_REPLY = 600
 _BROWSER_S = 5.0
 """A connection that says nothing for so long is closed; the page asks every 0.2 s."""
 _POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "connect-src 'self'; img-src data:"
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src "
+    "'self'; img-src data:"
 )
 
 

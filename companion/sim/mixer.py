@@ -28,8 +28,8 @@ class Mixer:
         full = effectiveness(vehicle)
         if np.linalg.matrix_rank(full, tol=1e-3) < 4:
             raise ConfigError(
-                "vehicle file: fans and vanes cannot hold roll, pitch and yaw; "
-                "give each single-rotor 'fan' its 'ct' and 'cq', or add a 'vane'"
+                "vehicle file: fans and vanes cannot hold roll, pitch and yaw; give each "
+                "single-rotor 'fan' its 'ct' and 'cq', or add a 'vane'"
             )
         rows = np.linalg.pinv(full)[
             :, 1:

@@ -93,8 +93,8 @@ class _Maker:
         for rpm in self.speeds:
             if FREE not in self.half[rpm]:
                 raise ModelError(
-                    f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the "
-                    "campaign on"
+                    f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign "
+                    "on"
                 )
         kind = full_kind(rows, self.rpm)
         self.full = {rpm: labels(rows, rpm, kind) for rpm in self.speeds}
@@ -115,8 +115,8 @@ class _Maker:
         part = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
         if part is None:
             raise ModelError(
-                f"no case at h = {place[0]:g} R, d = {place[1]:g} R and {self.rpm:g} rpm; run "
-                "the campaign on"
+                f"no case at h = {place[0]:g} R, d = {place[1]:g} R and {self.rpm:g} rpm; run the "
+                "campaign on"
             )
         # Without a wall zero is exact.
         free_of = TILT & math.isinf(place[1])

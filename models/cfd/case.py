@@ -99,8 +99,8 @@ def _layers(setup: Setup) -> str:
             actions.append(
                 f"{{ name {name}Set; type cellSet; action new; source zoneToCell; zone "
                 f"{disc}Disc; }}\n"
-                f"{{ name {name}Set; type cellSet; action subset; source boxToCell; "
-                f"box (-9 -9 {low:.8g}) (9 9 {high:.8g}); }}\n"
+                f"{{ name {name}Set; type cellSet; action subset; source boxToCell; box (-9 -9 "
+                f"{low:.8g}) (9 9 {high:.8g}); }}\n"
                 f"{{ name {name}; type cellZoneSet; action new; source setToCellZone; set "
                 f"{name}Set; }}"
             )

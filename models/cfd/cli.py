@@ -139,7 +139,7 @@ def _assemble(args: argparse.Namespace) -> Any:
     if speaks(args):
         print(
             f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of "
-            f"{solved} from the solver, "
-            f"of {len(made.table) - solved} by the fitted law of rotor speed"
+            f"{solved} from the solver, of {len(made.table) - solved} by the fitted law of rotor "
+            "speed"
         )
     return {"rows": len(made.table), "solved": solved, "out": str(args.out)}

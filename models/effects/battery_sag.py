@@ -67,8 +67,7 @@ EFFECT = Effect(
     equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u "
     "declared thrust over weight",
     sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than "
-    "the voltage is "
-    "logged; ohmic < 0: the declared curve holds that drop already",
+    "the voltage is logged; ohmic < 0: the declared curve holds that drop already",
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",

@@ -44,8 +44,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     force = force_words(ctx, p["stiffness"] * 0.01)
     return (
         f"the vehicle touches the wall at {p['reach_m'] * 100.0:.0f} cm: each centimetre closer "
-        "adds "
-        f"{force} at each fan"
+        f"adds {force} at each fan"
     )
 
 

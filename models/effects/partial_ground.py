@@ -89,8 +89,8 @@ def _lacking(ctx: Context) -> str | None:
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     return (
-        f"fans over the edge lift {p['gain']:.2g} times what the ground effect of the model "
-        "says for each"
+        f"fans over the edge lift {p['gain']:.2g} times what the ground effect of the model says "
+        "for each"
     )
 
 

@@ -49,11 +49,10 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="vertical_inflow",
     equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) - l rho A |v_xy|^2 per "
-    "fan, w the wind, up "
-    "along the rotor axis",
-    sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, "
-    "east: slope times the "
-    "wind, said as what a tilt of the thrust to that side gains of the lift (w c / Omega R)",
+    "fan, w the wind, up along the rotor axis",
+    sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: "
+    "slope times the wind, said as what a tilt of the thrust to that side gains of the lift (w c "
+    "/ Omega R)",
     axes=("Fz",),
     channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",

@@ -81,9 +81,9 @@ def _remark(determined: Mapping[str, bool]) -> str | None:
     if determined["own_motion"]:
         return None
     return (
-        "how fast the wind blows hangs on the drag of the vehicle, which the flight does not "
-        "say: usual drag is taken "
-        "(0.7, give or take 0.7, of momentum theory's), and the interval is wide"
+        "how fast the wind blows hangs on the drag of the vehicle, which the flight does not say: "
+        "usual drag is taken (0.7, give or take 0.7, of momentum theory's), and the interval is "
+        "wide"
     )
 
 

@@ -63,8 +63,7 @@ def fit(data: DataSet) -> FreeAir:
         worst = int(np.argmin(lift))
         raise ModelError(
             f"data set {data.source}: free-air lift must be positive (Fz is up in the corner "
-            "frame), "
-            f"not {lift[worst]:g} N at {rpm[worst]:g} rpm"
+            f"frame), not {lift[worst]:g} N at {rpm[worst]:g} rpm"
         )
     rpm_ref = float(np.exp(np.mean(np.log(rpm))))
     x = np.log(rpm / rpm_ref)
@@ -96,8 +95,8 @@ def level(data: DataSet) -> DataSet:
         return data
     named = ", ".join(f"{AXES[c]} {offset[c]:.2g}" for c in np.flatnonzero(offset))
     note = (
-        "offset over free-air lift at all places without a wall, subtracted everywhere: "
-        f"{named} (N or N m per N)"
+        f"offset over free-air lift at all places without a wall, subtracted everywhere: {named} "
+        "(N or N m per N)"
     )
     return replace(data, wrench=data.wrench - lift * offset, notes=(*data.notes, note))
 

@@ -231,8 +231,7 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
     chosen = min(outside, key=lambda m: outside[m])
     why = (
         f"held-out R^2 {mean[chosen]:.3f} (best: {best} {mean[best]:.3f}); error over the "
-        "increments' RMS in "
-        f"regions left out whole {outside[chosen]:.2f}"
+        f"increments' RMS in regions left out whole {outside[chosen]:.2f}"
     )
     return {"method": chosen, "why": why}
 
@@ -243,8 +242,8 @@ def text(numbers: Mapping[str, Any]) -> str:
     regions = numbers["regions"]
     lines = [
         f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed "
-        f"{numbers['seed']}, "
-        f"{numbers['splits']} splits by place, {numbers['epochs']} epochs, {numbers['seconds']} s",
+        f"{numbers['seed']}, {numbers['splits']} splits by place, {numbers['epochs']} epochs, "
+        f"{numbers['seconds']} s",
         *(f"Note: {note}" for note in numbers["notes"]),
         "",
         f"Use this one: {numbers['use']['method']}. {numbers['use']['why']}.",

@@ -106,8 +106,8 @@ def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
     places = int(locations.max()) + 1
     if places < MIN_PLACES:
         raise ModelError(
-            f"data set {data.source}: has {places} distinct places (h, d) to learn from; "
-            f"at least {MIN_PLACES} are needed"
+            f"data set {data.source}: has {places} distinct places (h, d) to learn from; at least "
+            f"{MIN_PLACES} are needed"
         )
     law = free_air.fit(data)
     y = increments(data.wrench, data.rpm, law)
@@ -256,8 +256,7 @@ def constant_notes(live: NDArray[np.bool_]) -> list[str]:
     """Words for components that were learnt as a constant."""
     return [
         f"{AXES[c]} does not vary with the place beyond the data's noise: learnt as a constant "
-        "share of the lift, "
-        "R2 of its increments undefined"
+        "share of the lift, R2 of its increments undefined"
         for c in np.flatnonzero(~live)
     ]
 

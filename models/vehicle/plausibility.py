@@ -101,16 +101,15 @@ def _masses(vehicle: Vehicle) -> Iterator[Check]:
     loading = vehicle.mass_kg * GRAVITY / (len(vehicle.fans) * vehicle.disc_area_m2)
     text = (
         f"{vehicle.mass_kg:g} kg on {len(vehicle.fans)} discs of radius "
-        f"{vehicle.rotor_radius_m:g} m is {loading:.3g} "
-        f"N per m^2 of disc, and rotors carry {low:g} to {high:g}: check mass_kg and rotor_radius_m"
+        f"{vehicle.rotor_radius_m:g} m is {loading:.3g} N per m^2 of disc, and rotors carry "
+        f"{low:g} to {high:g}: check mass_kg and rotor_radius_m"
     )
     yield not low <= loading <= high, _error("mass_kg", text)
     gyration = math.sqrt(max(vehicle.inertia_kgm2) / vehicle.mass_kg)
     reach = _reach(vehicle)
     text = (
         f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit "
-        f"{gyration:.2f} m from the CG, "
-        f"and the vehicle reaches {reach:.2f} m"
+        f"{gyration:.2f} m from the CG, and the vehicle reaches {reach:.2f} m"
     )
     yield gyration > _GYRATION_OVER_REACH * reach, _error("inertia_kgm2", text)
     text = f"is very small for {vehicle.mass_kg:g} kg over {reach:.2f} m: in kg m^2?"
@@ -126,8 +125,7 @@ def _places(vehicle: Vehicle) -> Iterator[Check]:
         yield apart < _SAME_PLACE_M, _error(f"fan[{j}].position_m", text)
         text = (
             f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of "
-            f"{a.lip_radius_m:g} and "
-            f"{b.lip_radius_m:g} m: is a diameter given for a radius?"
+            f"{a.lip_radius_m:g} and {b.lip_radius_m:g} m: is a diameter given for a radius?"
         )
         yield (
             apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m),
@@ -163,8 +161,7 @@ def _rotor_speed(vehicle: Vehicle) -> Iterator[Check]:
             tip = math.sqrt(share / (fan.ct * RHO_SEA_LEVEL * vehicle.disc_area_m2))
             text = (
                 f"{fan.ct:g} means a hover with blade tips at {tip:.3g} m/s, and they move at "
-                f"{low:g} to {high:g}: "
-                "C_T is T/(rho A Omega^2 R^2) of the whole fan"
+                f"{low:g} to {high:g}: C_T is T/(rho A Omega^2 R^2) of the whole fan"
             )
             yield not low <= tip <= high, _error(f"fan[{i}].ct", text)
 
@@ -229,7 +226,6 @@ def _slews(vehicle: Vehicle) -> Iterator[Check]:
     ):
         text = (
             f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor "
-            "offsets are to be "
-            f"gone within {_GONE_S:g} s"
+            f"offsets are to be gone within {_GONE_S:g} s"
         )
         yield most / rate > _GONE_S * (1.0 + 1e-9), Finding(f"limits.{key}", text)

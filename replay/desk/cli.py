@@ -17,8 +17,8 @@ docs/desk.md."""
 def add_parser(commands: Any) -> None:
     """Register ``serve`` with the subparsers of ``replay``."""
     said = (
-        "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of "
-        "replay diagnose."
+        "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of replay "
+        "diagnose."
     )
     p = commands.add_parser(
         "serve",

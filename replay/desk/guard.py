@@ -13,8 +13,8 @@ from starlette.responses import PlainTextResponse, Response
 
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src data:; "
-    "connect-src 'self'; "
-    "frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'self'"
+    "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors "
+    "'self'"
 )
 _HEADERS = {
     "Content-Security-Policy": _POLICY,

@@ -22,8 +22,7 @@ def add_parser(commands: Any) -> None:
         help="find what the declared model lacks, name it, and amend the model",
         epilog=_EPILOG,
         description="Measured minus modelled wrench of recorded flights: which physical effect "
-        "is missing, how large "
-        "it is, and the error before and after adding it, on held-out time.",
+        "is missing, how large it is, and the error before and after adding it, on held-out time.",
     )
     p.add_argument(
         "logs",

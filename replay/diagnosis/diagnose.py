@@ -181,8 +181,7 @@ def _one_wind(answer: Diagnosis) -> list[str]:
         return []
     return [
         f"one flight in one wind does not separate drag from wind: an amended model keeps {kept} "
-        "of the drag and of "
-        "the inflow; diagnose it together with a flight in another wind"
+        "of the drag and of the inflow; diagnose it together with a flight in another wind"
     ]
 
 

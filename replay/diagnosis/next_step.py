@@ -43,8 +43,8 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
     if faults:
         wrong = tuple(f"{channel_words(channel)}: {what}." for channel, what in faults)
         action = (
-            "Check this in the log and the vehicle file first: the effects below may follow "
-            "from it."
+            "Check this in the log and the vehicle file first: the effects below may follow from "
+            "it."
         )
         if names:
             head = f"The model lacks {names}, but the"
@@ -101,8 +101,8 @@ def _act(answer: Diagnosis) -> tuple[str, str]:
         if f.aliases:
             others = listed([plain(name) for name in f.aliases])
             return (
-                f"Separate {plain(f.effect.name)} from {others}: {f.effect.excite}. Then "
-                "diagnose both logs together.",
+                f"Separate {plain(f.effect.name)} from {others}: {f.effect.excite}. Then diagnose "
+                "both logs together.",
                 "On this flight alone they look the same: do not adopt any of them before.",
             )
     for f in sorted(answer.found, key=lambda f: f.probability):
@@ -113,8 +113,7 @@ def _act(answer: Diagnosis) -> tuple[str, str]:
             "Fly the same once more and diagnose both logs together; adopt the effect if it is "
             "confirmed.",
             "It is likely, but seen on one flight. If it makes sense for this vehicle (a known "
-            "load, a known wall), "
-            "the amended model may be tried high above the ground first.",
+            "load, a known wall), the amended model may be tried high above the ground first.",
         )
     action = (
         "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, "
@@ -122,8 +121,8 @@ def _act(answer: Diagnosis) -> tuple[str, str]:
     )
     if not any(f.effect.kept for f in answer.found):
         action = (
-            "There is nothing to adopt: all of it belongs to this flight. The next flight "
-            "starts without it."
+            "There is nothing to adopt: all of it belongs to this flight. The next flight starts "
+            "without it."
         )
     return action, "Every effect was found on one flight and removed error from another."
 
@@ -147,8 +146,8 @@ def _look(answer: Diagnosis) -> str:
         return f"Look at what changes on the vehicle, or around it, together with: {names}."
     return (
         "What remains follows no logged quantity: gusts, a rope, a person's hand, or a sensor "
-        "that is not in the log. "
-        "Remember, or look in a video, what happened at the times listed below."
+        "that is not in the log. Remember, or look in a video, what happened at the times listed "
+        "below."
     )
 
 

@@ -36,6 +36,5 @@ class Stretches:
         hours = sum(r.seconds for r in self.records) / 3600.0
         return [
             f"a long log: one of every {self.one_of} stretches was judged, {hours:.1f} h in all; "
-            "cut the log to judge "
-            "a certain part of it"
+            "cut the log to judge a certain part of it"
         ]

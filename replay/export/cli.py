@@ -26,8 +26,7 @@ def add_parser(commands: Any) -> None:
         help="a log and the decisions on it as Parquet, CSV or MCAP, with units",
         epilog=_EPILOG,
         description="Everything a log holds, and what the companion decides on it, in SI units "
-        "on the vehicle's boot "
-        "clock: as one table, or as MCAP for Foxglove.",
+        "on the vehicle's boot clock: as one table, or as MCAP for Foxglove.",
     )
     p.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--to", required=True, choices=("parquet", "csv", "mcap"), help="format")

@@ -138,8 +138,8 @@ def _ranges(log: FlightLog) -> Iterator[Column]:
         for k, beam in enumerate(beams, 1):
             name = f"range_{direction}{'' if k == 1 else f'_{k}'}_m"
             text = (
-                f"slant distance along {tuple(round(c, 3) for c in beam.direction_frd)} body "
-                f"FRD, {beam.source}"
+                f"slant distance along {tuple(round(c, 3) for c in beam.direction_frd)} body FRD, "
+                f"{beam.source}"
             )
             yield from _spread(name.removesuffix("_m"), beam.good, [name], "m", text)
 

@@ -26,8 +26,8 @@ def add_parser(commands: Any) -> None:
         help="what is in a log, and what can and cannot be judged with it",
         epilog=_EPILOG,
         description="What is in a log, at which rates and with which gaps; what can and cannot "
-        "be judged with it, and "
-        "the parameter that would change that; with --companion, whether it would have engaged.",
+        "be judged with it, and the parameter that would change that; with --companion, whether "
+        "it would have engaged.",
     )
     p.add_argument(
         "logs",

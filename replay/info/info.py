@@ -209,8 +209,8 @@ def _boot_text(boot: BootInfo) -> list[str]:
     modes = ", ".join(f"{name} {s:.0f} s" for name, s in boot.modes_s.items())
     out = [
         f"boot {boot.boot + 1}: system {boot.system}, {boot.autopilot}, {boot.duration_s:.1f} s, "
-        "armed "
-        f"{boot.armed_s:.1f} s{f' ({modes})' if modes else ''}, {boot.parameters} parameters",
+        f"armed {boot.armed_s:.1f} s{f' ({modes})' if modes else ''}, {boot.parameters} "
+        "parameters",
         f"  {'holds':<26} {'samples':>8} {'rate':>9} {'gaps':>5} {'longest':>8}  from",
     ]
     for s in boot.streams:

@@ -45,11 +45,9 @@ _TLOG_PX4 = {
     "attitude": "MAV_x_MODE 2 (onboard)",
     "position": "MAV_x_MODE 2 (onboard), and a position estimate (GPS, flow or vision)",
     "range": "the sensor's own SENS_EN_… or SENS_…_CFG, its rotation parameter ({}), and "
-    "SET_MESSAGE_INTERVAL of "
-    "DISTANCE_SENSOR (132)",
+    "SET_MESSAGE_INTERVAL of DISTANCE_SENSOR (132)",
     "rpm": "DSHOT_TEL_CFG or DSHOT_BIDIR_EN 1 (or DroneCAN ESCs: UAVCAN_ENABLE 3), "
-    "MOT_POLE_COUNT, and "
-    "SET_MESSAGE_INTERVAL of ESC_STATUS (291)",
+    "MOT_POLE_COUNT, and SET_MESSAGE_INTERVAL of ESC_STATUS (291)",
     "servo": "MAV_x_MODE 2 (onboard), or SET_MESSAGE_INTERVAL of SERVO_OUTPUT_RAW (36)",
     "battery": "BAT1_SOURCE and its scale parameters",
     "pressure": "SET_MESSAGE_INTERVAL of SCALED_PRESSURE (29)",

@@ -75,8 +75,8 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     for links."""
     logs: list[FlightLog] = []
     problem = LogError(
-        f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm "
-        "the vehicle"
+        f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the "
+        "vehicle"
     )
     for data in read_boots(path):
         try:

@@ -52,8 +52,8 @@ class Report:
         out = []
         if self.bad_crc or self.skipped_bytes:
             out.append(
-                f"{self.bad_crc} frames with a wrong checksum dropped, {self.skipped_bytes} "
-                "bytes skipped"
+                f"{self.bad_crc} frames with a wrong checksum dropped, {self.skipped_bytes} bytes "
+                "skipped"
             )
         if self.truncated_bytes:
             out.append(f"last frame cut off ({self.truncated_bytes} bytes)")

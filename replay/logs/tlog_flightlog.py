@@ -268,8 +268,7 @@ class _Boot:
             if direction is None:
                 self._notes.append(
                     f"DISTANCE_SENSOR {sensor} of component {component}: orientation "
-                    f"{orientation} cannot be resolved; "
-                    f"{len(one)} readings ignored"
+                    f"{orientation} cannot be resolved; {len(one)} readings ignored"
                 )
                 continue
             order = np.unique(one.t_s, return_index=True)[1]

@@ -22,8 +22,8 @@ def add_parser(commands: Any) -> None:
         help="the error of a model on flights that it was not made from",
         epilog=EXIT_CODES,
         description="Measured minus modelled wrench of flights that a model was not made from, "
-        "with and without its "
-        "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
+        "with and without its adopted effects, by axis and by how and where it flew. Nothing of "
+        "the vehicle is fitted.",
     )
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file of the model")
@@ -85,7 +85,7 @@ def _vehicle(a: argparse.Namespace) -> tuple[Vehicle, Choice]:
     vehicle, chosen, _ = of_logs(None, a.model, a.logs, Given(), a.target_system, measured=False)
     if vehicle != default_vehicle():
         raise ConfigError(
-            "--vehicle: is missing: name the vehicle file that the model was made with; "
-            "replay diagnose LOG --save-vehicle FILE drafts one"
+            "--vehicle: is missing: name the vehicle file that the model was made with; replay "
+            "diagnose LOG --save-vehicle FILE drafts one"
         )
     return vehicle, chosen

@@ -93,8 +93,7 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
     if thrust > _SMALL_THRUST or tilt > _SMALL_TILT_DEG:
         return head, (
             f"look at the moments of the {size}: are height and wall distance right there? For "
-            "the first flight "
-            "set smaller ones under [limits] in the vehicle file."
+            "the first flight set smaller ones under [limits] in the vehicle file."
         )
     return (
         head,

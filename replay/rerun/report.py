@@ -60,8 +60,8 @@ class RunReport:
         numbers = self.as_json()
         head = [
             f"{self.log.name}: {numbers['samples']} samples of system {self.replay.system}, "
-            f"{self.boots} boot(s), "
-            f"{100.0 * numbers['share_compensated']:.1f} % of the time compensated",
+            f"{self.boots} boot(s), {100.0 * numbers['share_compensated']:.1f} % of the time "
+            "compensated",
         ]
         head += [f"  note: {note}" for note in self.notes]
         return "\n".join([*head, self.summary.as_text()])

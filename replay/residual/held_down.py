@@ -17,8 +17,8 @@ from replay.residual.grid import Mask, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
 
 DID_NOT_FLY = (
-    "did not fly: rotors turn, but attitude, height and acceleration do not answer "
-    "(tied down, or on the ground)"
+    "did not fly: rotors turn, but attitude, height and acceleration do not answer (tied down, or "
+    "on the ground)"
 )
 TURNING_SHARE = 0.1
 """Modelled lift over weight above which rotors turn, and do not just idle."""

@@ -60,8 +60,8 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
         if lacking:
             raise LogError(
                 f"{log.path}: no rotor speed of ESC {lacking} "
-                f"({called(log.path, 'rotor speeds')}); "
-                "log it, or declare [throttle] and servo outputs in the vehicle file"
+                f"({called(log.path, 'rotor speeds')}); log it, or declare [throttle] and servo "
+                "outputs in the vehicle file"
             )
     elif log.servo is None:
         outputs = called(log.path, "outputs")

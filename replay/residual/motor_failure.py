@@ -85,8 +85,8 @@ def _reassigned(log: FlightLog, ctx: Context, flying: Mask) -> list[LogFault]:
             gone.add(motor)
             where = _where(ctx.vehicle, _fan_of_output(ctx.vehicle, output), output)
             what = (
-                f"motor {motor}{where} is switched off from {change.t_s:.1f} s on: "
-                f"{change.name} was set to "
+                f"motor {motor}{where} is switched off from {change.t_s:.1f} s on: {change.name} "
+                "was set to "
             )
             what += f"{change.after:g} (before: {change.before:g})"
             out.append(_all_lost(f"servo_{output}", what, change.t_s, motor))
@@ -113,8 +113,8 @@ def _switched_off(at: _At, off: Lost) -> LogFault:
     output = _output(at.ctx.vehicle, fan)
     named = f"motor {fan + 1}{_where(at.ctx.vehicle, fan, output)}"
     what = (
-        f"{named} is switched off from {at.since_s:.1f} s on: its output falls below what a "
-        "motor gets in flight"
+        f"{named} is switched off from {at.since_s:.1f} s on: its output falls below what a motor "
+        "gets in flight"
     )
     return _all_lost(f"servo_{output}", what, at.since_s, fan + 1)
 
@@ -132,8 +132,8 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
     speed = float(np.nanmedian(at.ctx.state.rpm[at.seconds, lost.rotor]))
     if not lost.faster and not _answered(at, number):
         what = (
-            f"falls to {speed:.0f} rpm from {at.since_s:.1f} s on and its output does not "
-            "answer: telemetry is lost"
+            f"falls to {speed:.0f} rpm from {at.since_s:.1f} s on and its output does not answer: "
+            "telemetry is lost"
         )
         return LogFault(f"rpm_{number}", what, since_s=at.since_s)
     if lost.faster:
@@ -145,8 +145,8 @@ def _lost_speed(at: _At, lost: Lost) -> LogFault:
         how = f"stands from {at.since_s:.1f} s on"
     else:
         how = (
-            f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it "
-            "stalls, or lost step"
+            f"does not follow its output from {at.since_s:.1f} s on ({speed:.0f} rpm): it stalls, "
+            "or lost step"
         )
     return _all_lost(f"rpm_{number}", named + " " + how + _signs(at, fan), at.since_s, fan + 1)
 

@@ -202,8 +202,8 @@ def too_short(record: Record) -> LogError:
     # Rounded down: 7.8 s are not the 8 s that are needed.
     seconds = math.floor(10.0 * record.seconds) / 10.0
     short = (
-        f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s "
-        "are needed"
+        f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s are "
+        "needed"
     )
     failed = "".join(f"; {fault.what}" for fault in record.faults if fault.motors)
     return LogError(short + failed)

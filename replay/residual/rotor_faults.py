@@ -73,8 +73,8 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
             what = f"stays at {rpm:.0f} rpm while the others vary"
         elif tip > SOUND_M_S:
             what = (
-                f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor "
-                "(poles, gear, unit)"
+                f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor (poles, "
+                "gear, unit)"
             )
         elif len(typical) > 2 and (rpm < OTHER_SPEED[0] * usual or rpm > OTHER_SPEED[1] * usual):
             what = (
@@ -282,8 +282,8 @@ def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> li
         values = ctx.state.rpm[flying]
         most = EQUAL_RPM
         what = (
-            "all rotor speeds are copies of one number while the vehicle turns: moments "
-            "cannot be judged"
+            "all rotor speeds are copies of one number while the vehicle turns: moments cannot be "
+            "judged"
         )
     else:
         assert log.servo is not None

@@ -84,8 +84,8 @@ def airframe(log: FlightLog) -> Airframe:
     frame = _frame(log, seen)
     if frame is None:
         raise LogError(
-            f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? "
-            "give --vehicle"
+            f"{log.path}: {_said_count(log)}, and {seen} motors turn: which vehicle is this? give "
+            "--vehicle"
         )
     numbers = _numbers(log, frame.motors)
     count = len(frame.motors)
@@ -157,8 +157,7 @@ def _frame(log: FlightLog, seen: int) -> Airframe | None:
                 verb = "has"
             raise LogError(
                 f"{log.path}: {said.said} {verb} {said.count} motors, and MAV_TYPE "
-                f"{log.vehicle_type} has {count}; "
-                "give --vehicle"
+                f"{log.vehicle_type} has {count}; give --vehicle"
             )
         return _of_firmware(said, said.count or count or seen)
     if count is None:
