@@ -75,6 +75,13 @@ def parser() -> argparse.ArgumentParser:
         "set; sends no setpoint",
     )
     p.add_argument("--dry-run", action="store_true", help="compute and report, send no setpoint")
+    _add_flight_options(p)
+    _add_trial_options(p)
+    return p
+
+
+def _add_flight_options(p: Parser) -> None:
+    """How a flight goes, and what is kept of it."""
     p.add_argument(
         "--setpoint",
         default="hold",
@@ -126,6 +133,10 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="the vehicle's system id (default: the first heard)",
     )
+
+
+def _add_trial_options(p: Parser) -> None:
+    """Of the built-in vehicle, and of the report."""
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument(
         "--compare",
@@ -143,7 +154,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
-    return p
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -272,12 +282,7 @@ def _fly(a: argparse.Namespace) -> int:
         notes.insert(1, _NO_VEHICLE)
     arrivals = Arrivals()
     with ExitStack() as stack:
-        # What the flight program logs are lines for the pilot.
-        log = logging.getLogger("companion")
-        shown = logging.StreamHandler()
-        log.setLevel(logging.WARNING if a.quiet else logging.INFO)
-        log.addHandler(shown)
-        stack.callback(log.removeHandler, shown)
+        _log_to_stderr(a, stack)
         link, sim = _open(a, config.vehicle, stack, arrivals)
         upstream = page = None
         if config.base is Base.UPSTREAM:
@@ -295,10 +300,9 @@ def _fly(a: argparse.Namespace) -> int:
         options = FlightOptions(
             a.duration, a.target_system, last_word=True, watchdog=watchdog, page=page
         )
-        for line in (
-            notes if not a.quiet else ()
-        ):  # after all that may refuse, so that a refusal is one line
-            if line is not None:
+        # After all that may refuse, so that a refusal is one line.
+        if not a.quiet:
+            for line in filter(None, notes):
                 print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
         if sim is not None and a.duration is None:
@@ -322,6 +326,15 @@ def _fly(a: argparse.Namespace) -> int:
     if heard:
         return 0
     return LinkError.exit_code
+
+
+def _log_to_stderr(a: argparse.Namespace, stack: ExitStack) -> None:
+    """What the flight program logs are lines for the pilot."""
+    log = logging.getLogger("companion")
+    shown = logging.StreamHandler()
+    log.setLevel(logging.WARNING if a.quiet else logging.INFO)
+    log.addHandler(shown)
+    stack.callback(log.removeHandler, shown)
 
 
 def _config(a: argparse.Namespace) -> tuple[PipelineConfig, str | None]:

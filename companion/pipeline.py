@@ -400,32 +400,22 @@ def _decide(
         if had_hold:
             state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
-        if command is None:
-            hand_over = None
-        else:
+        if command is not None:
             hand_over = state.hand_over
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-    if held_back:
-        hold = None
-    else:
-        hold = state.hold
+    hold = None if held_back else state.hold
     state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over)
-    if config.base is Base.HOLD:
-        tuned = state.tuned
-    else:
-        tuned = None
-    authority = state.offsets.authority
     return state, Decision(
         t_s=t_s,
         command=command,
         reasons=reasons,
-        authority=authority,
+        authority=state.offsets.authority,
         offset=applied,
         base=base,
         disturbance=state.disturbance,
         late_s=late_s,
-        tuned=tuned,
+        tuned=state.tuned if config.base is Base.HOLD else None,
         notice=state.notice,
         adaptation=state.adaptation,
     )

@@ -66,6 +66,19 @@ def _parser() -> argparse.ArgumentParser:
         "--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)"
     )
 
+    _add_train(commands, data)
+    compare = commands.add_parser(
+        "compare", parents=[data], help="train all methods and compare them"
+    )
+    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report here")
+    compare.set_defaults(run=_compare)
+
+    _add_query(commands, every)
+    cfd.add(commands, every)
+    return parser
+
+
+def _add_train(commands: Any, data: argparse.ArgumentParser) -> None:
     train = commands.add_parser(
         "train", parents=[data], help="train a surrogate on a data set and write a model directory"
     )
@@ -97,12 +110,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     train.set_defaults(run=_train)
 
-    compare = commands.add_parser(
-        "compare", parents=[data], help="train all methods and compare them"
-    )
-    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report here")
-    compare.set_defaults(run=_compare)
 
+def _add_query(commands: Any, every: argparse.ArgumentParser) -> None:
     query = commands.add_parser(
         "query", parents=[every], help="ask a model for the wrench at one point"
     )
@@ -125,9 +134,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     query.add_argument("--rpm", required=True, type=float, metavar="N", help="rotor speed [1/min]")
     query.set_defaults(run=_query)
-
-    cfd.add(commands, every)
-    return parser
 
 
 def _train(args: argparse.Namespace) -> Mapping[str, Any]:

@@ -97,89 +97,8 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
     ]
     # Outputs tell less of the thrust than speeds do: a battery sags within minutes.
     scale, sags = (0.15, 0.02) if vehicle.telemetered else (0.06, 0.1)
-    drag, drag_sd = drag_prior(vehicle)
-    table += [
-        Size(
-            name="thrust_scale",
-            unit="1",
-            as_modelled=1.0,
-            mean=1.0,
-            sd=scale,
-            per_minute=sags,
-            low=0.4,
-            high=1.6,
-        ),
-        Size(
-            name="wind_north",
-            unit="m/s",
-            as_modelled=0.0,
-            mean=0.0,
-            sd=4.0,
-            per_minute=2.0,
-            low=-25.0,
-            high=25.0,
-        ),
-        Size(
-            name="wind_east",
-            unit="m/s",
-            as_modelled=0.0,
-            mean=0.0,
-            sd=4.0,
-            per_minute=2.0,
-            low=-25.0,
-            high=25.0,
-        ),
-        Size(
-            name="cg_offset_x",
-            unit="m",
-            as_modelled=0.0,
-            mean=0.0,
-            sd=0.05 * lever,
-            per_minute=0.005 * lever,
-            low=-0.3 * lever,
-            high=0.3 * lever,
-        ),
-        Size(
-            name="cg_offset_y",
-            unit="m",
-            as_modelled=0.0,
-            mean=0.0,
-            sd=0.05 * lever,
-            per_minute=0.005 * lever,
-            low=-0.3 * lever,
-            high=0.3 * lever,
-        ),
-        Size(
-            name="rotor_drag",
-            unit="1",
-            as_modelled=0.0,
-            mean=drag,
-            sd=drag_sd,
-            per_minute=0.05,
-            low=0.0,
-            high=6.0,
-        ),
-        Size(
-            name="drag_above",
-            unit="rotor radii",
-            as_modelled=0.0,
-            mean=0.5,
-            sd=0.7,
-            per_minute=0.1,
-            low=-3.0,
-            high=6.0,
-        ),
-        Size(
-            name="vertical_inflow",
-            unit="1",
-            as_modelled=0.0,
-            mean=4.0,
-            sd=2.5,
-            per_minute=0.5,
-            low=-5.0,
-            high=20.0,
-        ),
-    ]
+    for row in _steady(lever, scale, sags, drag_prior(vehicle)):
+        table.append(Size(*row))
     for k in effects_with_size(model):
         table.append(
             Size(
@@ -194,6 +113,23 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
             )
         )
     return tuple(table)
+
+
+_Row = tuple[str, str, float, float, float, float, float, float]
+
+
+def _steady(arm: float, scale: float, sags: float, drag: tuple[float, float]) -> list[_Row]:
+    """Name, unit, value as modelled, mean, sd, change a minute, and bounds of what is no gain."""
+    return [
+        ("thrust_scale", "1", 1.0, 1.0, scale, sags, 0.4, 1.6),
+        ("wind_north", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
+        ("wind_east", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
+        ("cg_offset_x", "m", 0.0, 0.0, 0.05 * arm, 0.005 * arm, -0.3 * arm, 0.3 * arm),
+        ("cg_offset_y", "m", 0.0, 0.0, 0.05 * arm, 0.005 * arm, -0.3 * arm, 0.3 * arm),
+        ("rotor_drag", "1", 0.0, *drag, 0.05, 0.0, 6.0),
+        ("drag_above", "rotor radii", 0.0, 0.5, 0.7, 0.1, -3.0, 6.0),
+        ("vertical_inflow", "1", 0.0, 4.0, 2.5, 0.5, -5.0, 20.0),
+    ]
 
 
 def drag_prior(vehicle: Vehicle) -> tuple[float, float]:

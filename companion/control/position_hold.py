@@ -200,10 +200,8 @@ def fly(
     reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
     course = expected(reference, gains.lag_s)
     drag = hold.drag_1_s
-    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = (
-        reference.acceleration,
-        reference.shaped_velocity,
-    )
+    forward_n, forward_e, forward_d = reference.acceleration
+    ahead_n, ahead_e, _ = reference.shaped_velocity
     forward = (forward_n + drag * ahead_n, forward_e + drag * ahead_e, forward_d)
     vn, ve, _ = course.velocity
     share = min(dt / TILT_MEAN_S, 1.0)
@@ -227,10 +225,9 @@ def fly(
     acceleration, saturated = _limited(plus(plus(answer, old), forward), motion.wall)
     if not saturated:
         rate = gains.integral_1_s2 * dt
+        along = 0.0
         if motion.clear and math.hypot(*reference.acceleration[:2]) < _STEADY_M_S2:
             along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
-        else:
-            along = 0.0
         drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
             old[0] + (slip[0] - along * vn) * rate,
@@ -238,12 +235,8 @@ def fly(
             old[2] + slip[2] * gains.climb_integral_1_s2 * dt,
         )
     elif motion.balance is not None:
-        # At a limit the error says too much and would wind the integral up; what the tilt is seen to balance does not.
-        share = min(dt / _BALANCE_S, 1.0)
-        (n, e), (off_n, off_e) = motion.balance, motion.offset
-        integral = _integral(
-            old[0] + (n - off_n - old[0]) * share, old[1] + (e - off_e - old[1]) * share, old[2]
-        )
+        # At a limit the error would wind the integral up; what the tilt is seen to balance does not.
+        integral = _balanced(old, motion.balance, motion.offset, min(dt / _BALANCE_S, 1.0))
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
@@ -259,6 +252,15 @@ def fly(
         since=since,
         drag_1_s=drag,
     ), setpoint
+
+
+def _balanced(
+    old: Vector3, balance: tuple[float, float], offset: tuple[float, float], share: float
+) -> Vector3:
+    """The integral, a share of the way to what the tilt balances without the offset."""
+    north = old[0] + (balance[0] - offset[0] - old[0]) * share
+    east = old[1] + (balance[1] - offset[1] - old[1]) * share
+    return _integral(north, east, old[2])
 
 
 def _slip(

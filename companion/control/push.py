@@ -73,13 +73,8 @@ def modelled_disturbance(
             lead_s=THRUST_LEAD_S,
         )
         moved = corrected_state(model.effects, now)
-        shift = np.subtract(
-            moved.h_m, now.h_m, out=np.zeros_like(now.h_m), where=np.isfinite(now.h_m)
-        )
-        soon, later = (
-            query._replace(h_m=tuple((np.array(query.h_m) + shift).tolist()))
-            for query in (soon, later)
-        )
+        soon = _shifted(soon, now, moved)
+        later = _shifted(later, now, moved)
         adopted = adopted_disturbance(model, moved, vehicle, damping_1_s)
     free = model.free_air_now(rpm)
     lift_n, at_fans, pull_change_n, trusts = _by_surrogate(model, soon, later)
@@ -104,10 +99,7 @@ def modelled_disturbance(
     if wall.seen is Seen.SURFACE:
         change = pull_change_n
         if applied is not None and parts is not None:
-            beside_model = applied.near.pull_change_n(
-                parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m
-            )
-            change = applied.shares[1] * change + beside_model
+            change = _pull_change_n(change, applied, parts, vehicle)
         if adopted is not None:
             change += adopted_pull_change_n(model, moved, vehicle, _STIFFNESS_STEP_M)
         gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, damping_1_s)
@@ -125,6 +117,20 @@ def modelled_disturbance(
         ceiling=ceiling,
         parts=parts,
     )
+
+
+def _shifted(query: FanQuery, now: AirState, moved: AirState) -> FanQuery:
+    """A query at the heights of a corrected state."""
+    known = np.isfinite(now.h_m)
+    shift = np.subtract(moved.h_m, now.h_m, out=np.zeros_like(now.h_m), where=known)
+    return query._replace(h_m=tuple((np.array(query.h_m) + shift).tolist()))
+
+
+def _pull_change_n(modelled_n: float, applied: Applied, parts: Parts, vehicle: Vehicle) -> float:
+    """How much weaker the pull to the wall gets a little further off [N], as adaptation has it."""
+    step_radii = _STIFFNESS_STEP_M / vehicle.rotor_radius_m
+    beside_model = applied.near.pull_change_n(parts.around, step_radii)
+    return applied.shares[1] * modelled_n + beside_model
 
 
 Wrenches = list[list[float]]

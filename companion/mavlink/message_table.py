@@ -20,9 +20,7 @@ from companion.mavlink.boot_clock import BootClock, Stamp
 from companion.mavlink.wire_frames import Frame, unpacked
 from companion.mavlink.wire_layout import SI, Layout, Raw
 
-_ACC_LIMIT = 2000.0
-_GYRO_LIMIT = 200.0
-_RPM_LIMIT = 200_000.0
+_ACC_LIMIT, _GYRO_LIMIT, _RPM_LIMIT = 2000.0, 200.0, 200_000.0
 """m/s^2, rad/s, rpm: ten times what sensors reach, and what no hobby motor does; a larger number is damage."""
 _MS = Stamp.BOOT_MS
 _US = Stamp.US64
@@ -63,8 +61,7 @@ _TABLE = (
     Layout("RANGEFINDER", None, build.rangefinder, SI("distance", "distance", "m", 1e4)),
     Layout(
         "OBSTACLE_DISTANCE", _US, build.obstacle_distance,
-        SI("distances", "distances", "cm", unknown=(65535,)), SI("limits", "min_distance "
-                                                                           "max_distance", "cm"),
+        SI("distances", "distances", "cm", unknown=(65535,)), SI("limits", "min_distance max_distance", "cm"),
         SI("steps", "increment increment_f", "deg", 7.0), SI("offset", "angle_offset", "deg", 100.0), Raw("frame"),
     ),
     *(
@@ -109,8 +106,7 @@ _TABLE = (
     Layout("TIMESYNC", None, None, Raw("tc1"), Raw("ts1")),
     Layout("EXTENDED_SYS_STATE", None, build.as_it_is(samples.LandedState), Raw("landed_state")),
     Layout("WIND_COV", _US, None, SI("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
-    Layout("WIND", None, None, SI("direction", "direction", "deg", 100.0), SI("speed", "speed "
-                                                                                       "speed_z", "m/s", 200.0)),
+    Layout("WIND", None, None, SI("direction", "direction", "deg", 100.0), SI("speed", "speed speed_z", "m/s", 200.0)),
     Layout(
         "VIBRATION", _US, None, SI("level", "vibration_x vibration_y vibration_z", "m/s/s", 1e6),
         Raw("clipping_0"), Raw("clipping_1"), Raw("clipping_2"),

@@ -79,12 +79,16 @@ def _length(ctx: Context, draws: Mapping[str, Array]) -> Array:
     """Length of the rope (m,) by that of the pendulum, L = l (1 + D / (m g)): the wash pulls the load down, too.
 
     In the wash, of twice the induced velocity (momentum theory), a load of cross-section S and drag coefficient 1 has
-    D = (M + m) g S / A, A the rotors' area. S = (m / rho)^(2/3). How much of the wash meets it is not known: 0 to 1.
+    D = (M + m) g S / A, A the rotors' area. S = (m / rho)^(2/3). How much of the wash meets it is not known: 0 to 1;
+    a single draw has the middle of both.
     """
     load = np.maximum(draws["swinging"], 1e-6 * ctx.vehicle.mass_kg)
-    rng = np.random.default_rng(DRAWN)
-    density = DENSITY_KG_M3 * np.exp(DENSITY_SPREAD * rng.standard_normal(len(load)))
-    met = rng.uniform(size=len(load))
+    density = np.full(len(load), DENSITY_KG_M3)
+    met = np.full(len(load), 0.5)
+    if len(load) > 1:
+        rng = np.random.default_rng(DRAWN)
+        density *= np.exp(DENSITY_SPREAD * rng.standard_normal(len(load)))
+        met = rng.uniform(size=len(load))
     rotors_m2 = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
     section_m2 = (load / density) ** (2.0 / 3.0)
     pulled = met * (1.0 + ctx.vehicle.mass_kg / load) * section_m2 / rotors_m2

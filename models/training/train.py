@@ -211,8 +211,8 @@ def train(
         problem.free_air, problem.coordinates, regressor, calibrated, where, info=info
     )
     found = {
-        name: measure(model, rows, problem.live)
-        for name, rows in (("train", part), ("test", data.take(test)))
+        "train": measure(model, part, problem.live),
+        "test": measure(model, data.take(test), problem.live),
     }
     metrics = {
         **{name: measured["wrench"] for name, measured in found.items()},

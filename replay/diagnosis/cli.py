@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from companion.vehicles import vehicle_path
 from models.common.errors import ConfigError
 from replay.pipeline_options import EXIT_CODES, add_answer_options, add_folder_options
 from replay.source_options import add_source_option
+
+if TYPE_CHECKING:
+    from models.surrogate.fan_surrogate import FanSurrogate
+    from models.vehicle import Vehicle
 
 _EPILOG = f"{EXIT_CODES} How to read the answer: docs/diagnose.md."
 
@@ -37,25 +41,7 @@ def add_parser(commands: Any) -> None:
         metavar="FILE",
         help="vehicle file (default: drafted from the logs)",
     )
-    p.add_argument(
-        "--mass",
-        type=float,
-        metavar="KG",
-        help="of the drafted vehicle, with battery (default: typical)",
-    )
-    p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
-    p.add_argument(
-        "--span",
-        type=float,
-        metavar="M",
-        help="motor axis to the opposite motor's axis (default: no moments)",
-    )
-    p.add_argument(
-        "--save-vehicle",
-        type=Path,
-        metavar="FILE.toml",
-        help="write the drafted vehicle for --vehicle",
-    )
+    _add_draft_options(p)
     p.add_argument(
         "--model",
         metavar="DIR",
@@ -92,6 +78,29 @@ def add_parser(commands: Any) -> None:
     add_answer_options(p)
     add_folder_options(p)
     p.set_defaults(run=run)
+
+
+def _add_draft_options(p: argparse.ArgumentParser) -> None:
+    """Of a vehicle that is drafted from the logs."""
+    p.add_argument(
+        "--mass",
+        type=float,
+        metavar="KG",
+        help="of the drafted vehicle, with battery (default: typical)",
+    )
+    p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
+    p.add_argument(
+        "--span",
+        type=float,
+        metavar="M",
+        help="motor axis to the opposite motor's axis (default: no moments)",
+    )
+    p.add_argument(
+        "--save-vehicle",
+        type=Path,
+        metavar="FILE.toml",
+        help="write the drafted vehicle for --vehicle",
+    )
 
 
 def run(a: argparse.Namespace) -> int:
@@ -151,21 +160,30 @@ def run(a: argparse.Namespace) -> int:
         ]
     if a.save_model is not None or a.test:
         made = amended(chosen.judged, vehicle, answer.adopted, [r.path for r in answer.records])
-    if a.test:
-        from replay.predict.predict import predict
+        lines += _use(a, made, vehicle, content)
+    write_answer(a, content, lines, lambda: page(answer, vehicle, faults))
+    return 0
 
+
+def _use(
+    a: argparse.Namespace, made: FanSurrogate, vehicle: Vehicle, content: dict[str, Any]
+) -> list[str]:
+    """Test the amended model on other flights, and write it; lines of what came of it."""
+    from models.surrogate.store import save_model
+    from replay.command import progress_bar
+    from replay.predict.predict import predict
+
+    lines = []
+    if a.test:
         test = predict(
             a.test, vehicle, made, target_system=a.target_system, progress=progress_bar(a)
         )
         content["test"] = test.as_json(content["model"])
         lines.append(f"on other flights, {test.as_text()}")
     if a.save_model is not None:
-        from models.surrogate.store import save_model
-
         save_model(a.save_model, made)
         lines.append(f"amended model: {a.save_model}")
-    write_answer(a, content, lines, lambda: page(answer, vehicle, faults))
-    return 0
+    return lines
 
 
 def _check_drafting(a: argparse.Namespace) -> None:

@@ -58,13 +58,8 @@ def run(a: argparse.Namespace) -> int:
     from replay.logs.formats import load
     from replay.vehicle.draft import Given
 
-    if a.to in _PACKAGES and find_spec(_PACKAGES[a.to]) is None:
-        need = f"--to {a.to}: needs the package {_PACKAGES[a.to].partition('.')[0]}"
-        raise ConfigError(f"{need}: pip install 'corner-compensator[export]', or --to csv")
-    if a.out is None:
-        target = Path(f"{a.log.stem}.{a.to}")
-    else:
-        target = a.out
+    _check_package(a.to)
+    target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
     try:
         with _whole(target) as part:
             logs = load(a.log, a.target_system)
@@ -113,6 +108,14 @@ def run(a: argparse.Namespace) -> int:
         for note in notes:
             print(f"  note: {note}")
     return 0
+
+
+def _check_package(kind: str) -> None:
+    """Refuse a kind of file whose package is not installed."""
+    package = _PACKAGES.get(kind)
+    if package is not None and find_spec(package) is None:
+        need = f"--to {kind}: needs the package {package.partition('.')[0]}"
+        raise ConfigError(f"{need}: pip install 'corner-compensator[export]', or --to csv")
 
 
 @contextmanager

@@ -80,10 +80,7 @@ def recorded(log: FlightLog) -> Iterator[Column]:
         "velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED"
     )
     for k, imu in enumerate(log.imus, 1):
-        if k == 1:
-            tail = ""
-        else:
-            tail = f"_imu{k}"
+        tail = "" if k == 1 else f"_imu{k}"
         topic = f"imu_{k}"
         of = f"{frd}, {imu.source}"
         force = [f"a{c}{tail}_m_s2" for c in "xyz"]

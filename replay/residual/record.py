@@ -34,7 +34,7 @@ from replay.residual.motor_failure import motor_faults
 from replay.residual.reassigned import motors_reassigned
 from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
-from replay.residual.validity import Excluded, airborne, judged_time
+from replay.residual.validity import Airborne, Excluded, airborne, judged_time
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,7 @@ def build_record(
     state, left_out, said = resolved(log, vehicle, grid, state, air.flying)
     context = Context(state, vehicle, model)
     modelled = _modelled(context, effects)
-    measured = measured_wrench(
-        motion.force,
-        motion.gyro,
-        rate_of_change(motion.gyro, grid.rate),
-        vehicle.mass_kg,
-        vehicle.inertia_kgm2,
-    )
+    measured = _measured(motion, vehicle)
     motors = motor_faults(log, context, motion, air.flying)
     begins_s = min((f.since_s for f in motors if f.since_s is not None), default=np.inf)
     failed = ("after a motor failed", grid.t >= begins_s - grid.smooth_s)
@@ -145,14 +139,8 @@ def build_record(
         blind=doubts.blind,
         sources=log.sources,
     )
-    if record.seconds < SHORTEST_S and air.never:
-        raise LogError(f"{log.path}: {DID_NOT_FLY}")
     if record.seconds < SHORTEST_S:
-        if air.flying.any():
-            slow = None
-        else:
-            slow = too_slow_to_fly(log, context, motion)
-        raise too_short(record) if slow is None else LogError(f"{log.path}: {slow}")
+        raise _why_short(record, log, context, motion, air)
     return record
 
 
@@ -190,6 +178,30 @@ def _modelled(context: Context, effects: tuple[AdoptedEffect, ...]) -> Array:
     if effects:
         return out + adopted_wrench(effects, context)
     return out
+
+
+def _measured(motion: Trajectory, vehicle: Vehicle) -> Array:
+    """Measured wrench (n, 6): what the motion takes, by the vehicle's mass and inertia."""
+    return measured_wrench(
+        motion.force,
+        motion.gyro,
+        rate_of_change(motion.gyro, motion.grid.rate),
+        vehicle.mass_kg,
+        vehicle.inertia_kgm2,
+    )
+
+
+def _why_short(
+    record: Record, log: FlightLog, context: Context, motion: Trajectory, air: Airborne
+) -> LogError:
+    """Why too little of a log can be judged: it did not fly, or most of it is lost."""
+    if air.never:
+        return LogError(f"{log.path}: {DID_NOT_FLY}")
+    if not air.flying.any():
+        slow = too_slow_to_fly(log, context, motion)
+        if slow is not None:
+            return LogError(f"{log.path}: {slow}")
+    return too_short(record)
 
 
 def too_short(record: Record) -> LogError:

@@ -132,7 +132,7 @@ def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record
     ("name", "shape", "sizes", "said"),
     [
         ("payload", (), (0.3,), {"mass_kg": 0.3}),
-        ("slung_load", (0.55,), (0.2, 0.25, 0.0), {"mass_kg": 0.25, "length_m": 0.55}),
+        ("slung_load", (0.55,), (0.2, 0.25, 0.0), {"mass_kg": 0.2, "hanging_kg": 0.25}),
     ],
 )
 def test_a_load_is_said_by_its_mass_and_its_length(
@@ -146,6 +146,15 @@ def test_a_load_is_said_by_its_mass_and_its_length(
     numbers = effect.said(quiet.context, effect.parameters(sizes, shape))
     assert {key: numbers[key] for key in said} == pytest.approx(said)
     assert not {"mass", "rope_m"} & set(numbers)
+
+
+def test_a_rope_is_longer_than_its_pendulum(quiet: Record) -> None:
+    """The wash pulls the load down, so that it swings as on a shorter rope."""
+    effect = get("slung_load")
+    numbers = effect.said(quiet.context, effect.parameters((0.2, 0.25, 0.0), (0.55,)))
+    assert 0.55 < numbers["length_m"] < 0.85
+    heavy = effect.said(quiet.context, effect.parameters((2.0, 2.0, 0.0), (0.55,)))
+    assert heavy["length_m"] < numbers["length_m"]
 
 
 def assumed(record: Record) -> Record:
