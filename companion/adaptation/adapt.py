@@ -270,7 +270,15 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     else:
         seconds = max(block.end_s - known.updated_s, 0.0)
     if first or any(near) or any(surprised) or seconds > _FREE_AIR_S:
-        judged = _judged(known, seen, doubtful, seconds, around, near, config)
+        judged = _judged(
+            known=known,
+            seen=seen,
+            variance=doubtful,
+            seconds=seconds,
+            around=around,
+            near=near,
+            config=config,
+        )
         sizes = opened(table, later(table, sizes, seconds), surprised)
         # One axis after another.
         for axis, row, moved in zip(range(block_of.AXES), seen.regressors, moves, strict=True):

@@ -515,14 +515,14 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
         return Surface(Seen.NOTHING, slant_m=math.inf)
     if track is not None and track.age(t_s) <= RANGE_AGE_S:
         return Surface(
-            Seen.SURFACE,
-            track.at(t_s),
-            track.rate,
-            track.sigma,
-            beam.normal_ned,
-            track.restarted_s,
-            beam.slant_m,
-            beam.jumped_from is not None,
+            seen=Seen.SURFACE,
+            distance_m=track.at(t_s),
+            rate_m_s=track.rate,
+            sigma_m=track.sigma,
+            normal_ned=beam.normal_ned,
+            stepped_s=track.restarted_s,
+            slant_m=beam.slant_m,
+            jumped=beam.jumped_from is not None,
         )
     if beam.read.why is not None and heard <= RANGE_AGE_S:
         return Surface(_DOUBTED[beam.read.why])

@@ -113,7 +113,15 @@ def ground_height(
     log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, late_s: float
 ) -> Array | None:
     """Height of the CG over the ground (n,), or None without a ground rangefinder."""
-    seen = _planes(log, vehicle, "ground", t, rotation, position, late_s)
+    seen = _planes(
+        log=log,
+        vehicle=vehicle,
+        target="ground",
+        t=t,
+        rotation=rotation,
+        position=position,
+        late_s=late_s,
+    )
     if seen:
         return nearest_level([plane.distance_m for plane in seen])
     return None
@@ -221,12 +229,29 @@ def distances(
         if beam is not None:
             ranges[:, i] = beam_reading(beam, t + late_s)
     height = ground_height(log, vehicle, t, rotation, position, late_s)
-    ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
+    ceilings = _planes(
+        log=log,
+        vehicle=vehicle,
+        target="ceiling",
+        t=t,
+        rotation=rotation,
+        position=position,
+        late_s=late_s,
+    )
     if height is None:
         floor = far[:, 0]
     else:
         floor = height
-    seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, floor)
+    seen = _planes(
+        log=log,
+        vehicle=vehicle,
+        target="wall",
+        t=t,
+        rotation=rotation,
+        position=position,
+        late_s=late_s,
+        floor=floor,
+    )
     rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
     seen += [_carried(plane, t, position) for plane in rings]
     out = {
