@@ -93,7 +93,7 @@ class Item:
     """What to set or mend."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CheckSetup:
     """What the command line says beside the vehicle."""
 

@@ -244,7 +244,9 @@ def _preflight(a: argparse.Namespace) -> int:
         with ExitStack() as stack:
             arrivals = Arrivals()
             link, _ = _open(a, config.vehicle, stack, arrivals)
-            options = FlightOptions(a.duration or check.LISTEN_S, a.target_system)
+            options = FlightOptions(
+                duration_s=a.duration or check.LISTEN_S, target_system=a.target_system
+            )
             if not a.quiet and sys.stderr.isatty():
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
             Flight(config, link, None, listener, arrivals, options).run()
@@ -253,7 +255,12 @@ def _preflight(a: argparse.Namespace) -> int:
     else:
         name = str(a.vehicle)
     setup = check.CheckSetup(
-        config, name, note, a.record, signed=a.signing_key is not None, live=log is None
+        config=config,
+        vehicle_file=name,
+        model_note=note,
+        record=a.record,
+        signed=a.signing_key is not None,
+        live=log is None,
     )
     found = check.items(listener, setup)
     if a.json is not None:
@@ -298,7 +305,11 @@ def _fly(a: argparse.Namespace) -> int:
             page = stack.enter_context(closing(PageFeed(*read_address(a.page))))
             notes.append(f"live page at {page.url}")
         options = FlightOptions(
-            a.duration, a.target_system, last_word=True, watchdog=watchdog, page=page
+            duration_s=a.duration,
+            target_system=a.target_system,
+            last_word=True,
+            watchdog=watchdog,
+            page=page,
         )
         # After all that may refuse, so that a refusal is one line.
         if not a.quiet:
@@ -412,7 +423,11 @@ def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import CompareSettings, compare, write
 
     settings = CompareSettings(
-        scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record
+        scenario=scenario_name(a.connect),
+        vehicle=a.vehicle,
+        model=a.model,
+        adapt=a.adapt or Adapt.OFF,
+        record=a.record,
     )
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)

@@ -41,7 +41,7 @@ class OffsetBounds(NamedTuple):
     acceleration_m_s2: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PipelineConfig:
     """Everything ``step`` needs besides state and sample."""
 

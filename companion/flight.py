@@ -82,7 +82,7 @@ _SET_BACK = 2
 _LOG = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FlightOptions:
     """What the command line decided about a flight."""
 

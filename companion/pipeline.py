@@ -103,7 +103,9 @@ _STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 
 def initial_state(config: PipelineConfig) -> PipelineState:
     """Nothing heard yet."""
-    return PipelineState(blank_estimates(config.vehicle), adaptation=adapt.initial(config))
+    return PipelineState(
+        estimates=blank_estimates(config.vehicle), adaptation=adapt.initial(config)
+    )
 
 
 def stopped(state: PipelineState) -> PipelineState:
@@ -297,7 +299,12 @@ def _surveyed(
             wall = math.nan
         towards = level_wall(disturbance)
     seen = Whereabouts(
-        sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards
+        t_s=sample.t_s,
+        engaged=state.hold is not None,
+        position=np.asarray(position.position_ned),
+        height_m=height,
+        wall_m=wall,
+        towards=towards,
     )
     survey, wanted = advance(state.survey, box, seen)
     state = replace(state, survey=survey)

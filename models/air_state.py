@@ -11,7 +11,7 @@ from models.common.frames import GRAVITY, Array
 DIRECTIONS = ("down", "up", "forward", "right", "back", "left")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AirState:
     """One instant (leading shape ``()``) or a record (leading shape ``(n,)``) of a flight; SI units.
 

@@ -21,7 +21,7 @@ from models.dataset import DataSet
 FIDELITY = {"level": 0, "label": "closed form, not CFD"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClosedForm:
     """Constants of the closed form; lengths over R, gains as shares of the free-air lift unless said otherwise."""
 
@@ -123,10 +123,10 @@ class ClosedForm:
         wrench = self.wrench(hh, dd, nn)
         table = np.column_stack([hh, dd, nn, wrench]).round(9)
         return DataSet(
-            hh,
-            dd,
-            nn,
-            wrench,
+            h=hh,
+            d=dd,
+            rpm=nn,
+            wrench=wrench,
             source="closed form",
             sha256=hashlib.sha256(table.tobytes()).hexdigest(),
         )

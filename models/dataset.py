@@ -29,7 +29,7 @@ TEST_SHARE = 0.2
 ROUNDING = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DataSet:
     """Rows of one fan in its corner frame (docs/formats.md).
 

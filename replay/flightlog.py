@@ -86,7 +86,7 @@ class Series:
         return Series(self.t_s[i:j], self.values[i:j], self.source)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ImuRecord:
     """One accelerometer and gyro: specific force [m/s^2] (n, 3) and rates [rad/s] (n, 3), body FRD, at the sensor."""
 
@@ -316,7 +316,7 @@ def _cut(column: Any, start_s: float, end_s: float) -> Any:
     return column
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FlightLog:
     """One boot of one vehicle."""
 

@@ -75,7 +75,7 @@ MODELS = ("lift_model", "pull_model", "tilt_model")
 """Names of the probabilities that the model is right in a channel, and not only none."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Adaptation:
     """All that is remembered of sizes."""
 

@@ -47,7 +47,7 @@ _OPENED = 0.1
 """Of the prior's variance: what a block adds to that of steady things after a jump."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
     """One of lift, pull and tilt: the axes it is seen in, the sizes estimated along, and the column of its gain.
 

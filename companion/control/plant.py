@@ -38,7 +38,7 @@ class Margin:
         return self.gain >= least.gain and self.phase_deg >= least.phase_deg
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HoldGains:
     """The position hold: horizontal and vertical loops about a reference. SI."""
 

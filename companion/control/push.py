@@ -222,7 +222,7 @@ def adopted_disturbance(
     still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
 
     def disturbance(ceiling_m: Array) -> Array:
-        context = Context(replace(still, ceiling_m=ceiling_m), vehicle, model)
+        context = Context(state=replace(still, ceiling_m=ceiling_m), vehicle=vehicle, model=model)
         return adopted_wrench(chosen, context, in_flight=True)
 
     near = disturbance(state.ceiling_m)
@@ -241,7 +241,9 @@ def adopted_pull_change_n(
     """By how much the adopted effects pull the vehicle to the wall less, ``step_m`` further off [N]."""
     near, further = (
         adopted_wrench(
-            model.effects, Context(replace(state, d_m=d_m), vehicle, model), in_flight=True
+            model.effects,
+            Context(state=replace(state, d_m=d_m), vehicle=vehicle, model=model),
+            in_flight=True,
         )
         for d_m in (state.d_m, state.d_m + step_m)
     )

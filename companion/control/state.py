@@ -34,7 +34,7 @@ _NO_AIR = Airborne()
 _NO_OFFSETS = Offsets()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PipelineState:
     """Everything remembered between samples."""
 

@@ -114,7 +114,7 @@ class Survey:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Whereabouts:
     """What a survey needs to know: the vehicle's place (3,) NED, h and d [m] (inf: nothing there, nan: not known)."""
 

@@ -42,7 +42,7 @@ class SwingAxis(NamedTuple):
     halves: tuple[tuple[float, float], ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SwingDetector:
     """Axes north, east and down; how often the hold was softened, and when it last swung."""
 

@@ -103,7 +103,7 @@ class Seen(Enum):
 _DOUBTED = {Why.LOST: Seen.LOST, Why.FROZEN: Seen.FROZEN}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BeamTrack:
     """One declared rangefinder: the distance of the CG to the plane it sees."""
 
@@ -154,7 +154,7 @@ class Packets:
     moves: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Estimates:
     """State of the estimator. Empty until messages arrive."""
 
@@ -180,7 +180,9 @@ class Estimates:
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
     """Nothing heard yet."""
-    return Estimates((BeamTrack(),) * len(vehicle.watched), (None,) * len(vehicle.rotors))
+    return Estimates(
+        beams=(BeamTrack(),) * len(vehicle.watched), rotors=(None,) * len(vehicle.rotors)
+    )
 
 
 def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:

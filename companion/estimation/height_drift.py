@@ -60,7 +60,7 @@ class Mark(NamedTuple):
     height_m: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HeightDrift:
     """What is known of the drift. NED: a correction above zero says that the vehicle is lower than estimated."""
 

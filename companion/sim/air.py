@@ -45,7 +45,7 @@ GROUND_FADE = (3.1, 4.0)  # rotor radii: the paper sees nothing beyond 4 r over 
 WALL_FADE = (2.7, 3.8)  # ... and nothing beyond 3.8 r from a wall
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Increments:
     """What the surroundings add, corner frame: forces / T0, moments / (T0 R), ``mz`` / Q0, and rms unsteadiness / T."""
 
@@ -79,7 +79,7 @@ def _decay(x: float, length: float) -> float:
     return 1.0 / (1.0 + (x / length) ** 2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LawConstants:
     """Constants of the law: lengths in rotor radii, strengths as shares of free-air thrust (moments: of T0 R).
 

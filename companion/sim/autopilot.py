@@ -74,7 +74,7 @@ class Guided(Enum):
     ATTITUDE = "attitude"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Gains:
     """Position controller and attitude controller, named after ArduCopter's parameters; SI and radians.
 

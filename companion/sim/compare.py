@@ -38,7 +38,7 @@ APPROACHES = 3
 """In one flight with adaptation: so that it shows what was learned in the one before."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CompareSettings:
     """What every leg of a comparison shares."""
 
@@ -86,7 +86,9 @@ def fly(settings: CompareSettings, leg: Leg, seed: int) -> Flown:
         else:
             adapt = Adapt.OFF
         offsets = leg in (Leg.ON, Leg.ADAPTED)
-        config = PipelineConfig(vehicle, settings.choice.model, offsets=offsets, adapt=adapt)
+        config = PipelineConfig(
+            vehicle=vehicle, model=settings.choice.model, offsets=offsets, adapt=adapt
+        )
     return fly_judged(
         SimulatedFlight(
             vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator

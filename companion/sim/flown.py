@@ -59,7 +59,7 @@ class Leg(Enum):
     FREE = "our hold, in free air"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Flown:
     """One leg: errors on a grid of script time, height [m], lateral (north, east) [m], tilt (roll, pitch) [rad].
 

@@ -31,7 +31,9 @@ def model_error(model: FanSurrogate, vehicle: Vehicle, truth: SurfaceLaw) -> Law
     lift_n = sum(fan[2] for fan in model.free_air_now([rpm] * len(vehicle.fans)))
 
     def effects(state: AirState) -> Array:
-        return adopted_wrench(model.effects, Context(state, vehicle, model), in_flight=True)
+        return adopted_wrench(
+            model.effects, Context(state=state, vehicle=vehicle, model=model), in_flight=True
+        )
 
     alone = effects(_hover(vehicle, math.inf, math.inf, rpm))
     believed = []

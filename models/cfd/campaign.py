@@ -38,44 +38,50 @@ def _plan_half(setup: Setup) -> Iterator[Position]:
     """
     c = setup.campaign
     inf = math.inf
-    yield Position(inf, inf, c.rpm)
-    yield from (Position(inf, d, c.rpm) for d in sorted(c.d, reverse=True))
-    yield from (Position(h, inf, c.rpm) for h in sorted(c.h))
+    yield Position(h=inf, d=inf, rpm=c.rpm)
+    yield from (Position(h=inf, d=d, rpm=c.rpm) for d in sorted(c.d, reverse=True))
+    yield from (Position(h=h, d=inf, rpm=c.rpm) for h in sorted(c.h))
     for step_h, step_d in ((4, 4), (2, 2), (2, 1), (1, 1)):
         for h in sorted(c.h[::step_h]):
             # From far to near, so that a start is at hand.
-            yield from (Position(h, d, c.rpm) for d in sorted(c.d[::step_d], reverse=True))
+            yield from (Position(h=h, d=d, rpm=c.rpm) for d in sorted(c.d[::step_d], reverse=True))
         if (step_h, step_d) == (2, 2):
-            yield from (Position(h, d, rpm) for rpm in c.other_rpm for h, d in c.rpm_at)
+            yield from (Position(h=h, d=d, rpm=rpm) for rpm in c.other_rpm for h, d in c.rpm_at)
             yield from (
-                Position(h, d, c.rpm, level=level)
+                Position(h=h, d=d, rpm=c.rpm, level=level)
                 for level in sorted(c.grid_levels)
                 for h, d in c.grid_at
             )
-    yield from (Position(h, d, c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.full_at))
-    yield from (Position(h, d, c.rpm, approach="far") for h, d in c.again_from_far)
-    yield from (Position(h, d, c.rpm, approach="wall") for h, d in c.again_from_wall)
+    yield from (Position(h=h, d=d, rpm=c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.full_at))
+    yield from (Position(h=h, d=d, rpm=c.rpm, approach="far") for h, d in c.again_from_far)
+    yield from (Position(h=h, d=d, rpm=c.rpm, approach="wall") for h, d in c.again_from_wall)
 
 
 def _plan_full(setup: Setup) -> Iterator[Position]:
     """Full models: half of a spread of positions, other speeds, the other half, other meshes, every position."""
     c = setup.campaign
-    positions = [Position(h, d, c.rpm, swirl=True, level=c.full_level) for h, d in c.full_at]
+    positions = [
+        Position(h=h, d=d, rpm=c.rpm, swirl=True, level=c.full_level) for h, d in c.full_at
+    ]
     first = len(positions) // 2
     yield from positions[:first]
     for rpm in c.other_rpm:
         yield from (
-            Position(h, d, rpm, swirl=True, level=c.full_level) for h, d in c.full_other_rpm_at
+            Position(h=h, d=d, rpm=rpm, swirl=True, level=c.full_level)
+            for h, d in c.full_other_rpm_at
         )
     yield from positions[first:]
     for level in c.full_grid_levels:
-        yield from (Position(h, d, c.rpm, swirl=True, level=level) for h, d in c.full_grid_at)
+        yield from (
+            Position(h=h, d=d, rpm=c.rpm, swirl=True, level=level) for h, d in c.full_grid_at
+        )
     yield from (
-        Position(p.h, p.d, c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup)
+        Position(h=p.h, d=p.d, rpm=c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup)
     )
     again = c.full_again_from_far
     yield from (
-        Position(h, d, c.rpm, swirl=True, level=c.full_level, approach="far") for h, d in again
+        Position(h=h, d=d, rpm=c.rpm, swirl=True, level=c.full_level, approach="far")
+        for h, d in again
     )
 
 

@@ -34,7 +34,7 @@ BLOCK_SIZES = 3
 UNKNOWN = (math.nan,) * 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Result:
     """What a case gave. N, N m, corner frame, one fan.
 

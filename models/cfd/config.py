@@ -17,7 +17,7 @@ _Places = Annotated[tuple[tuple[float, float], ...], Bounds(finite=False)]
 """(h, d) over R, inf without ground or wall."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FanSetup:
     """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up.
 
@@ -49,7 +49,7 @@ class FanSetup:
         return self.lip_top - self.lip_thickness / 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RotorSetup:
     """Two equal discs; pitch linear from the hub to the tip.
 
@@ -83,7 +83,7 @@ class Air:
     far_omega: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Mesh:
     """Cell counts at level 1 and the extent of the domain over R."""
 
@@ -101,7 +101,7 @@ class Mesh:
     far_below: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solver:
     """Iterations, relaxation and time step."""
 
@@ -116,7 +116,7 @@ class Solver:
     march_limit: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Converged:
     """What counts as converged: shares of hover lift (forces) and hover lift times R (moments), or of the effect.
 
@@ -131,7 +131,7 @@ class Converged:
     swing_of_effect: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Campaign:
     """Which cases make the data set; positions are (h, d) over R."""
 
@@ -153,7 +153,7 @@ class Campaign:
     """Second starts of full models, from the state without ground at the same distance to the wall."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Setup:
     """Everything a case needs but its position."""
 

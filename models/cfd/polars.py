@@ -34,7 +34,7 @@ SMOOTHING_DEG = 2.0
 INFLOW_RATIO = 0.17
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Station:
     """One radius of the blade: ``axial`` and ``tangential`` coefficients over ``ANGLES_DEG``."""
 
@@ -76,7 +76,16 @@ def stations(
         phi = np.radians(pitch - ANGLES_DEG)
         axial = cl * np.cos(phi) - cd * np.sin(phi)
         tangential = cl * np.sin(phi) + cd * np.cos(phi)
-        out.append(Station(x * radius_m, rotor.chord_m, pitch, reynolds, axial, tangential))
+        out.append(
+            Station(
+                radius_m=x * radius_m,
+                chord_m=rotor.chord_m,
+                pitch_deg=pitch,
+                reynolds=reynolds,
+                axial=axial,
+                tangential=tangential,
+            )
+        )
     return tuple(out)
 
 

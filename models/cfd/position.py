@@ -29,7 +29,7 @@ MODELS = {"half": False, "full": True}
 """Name of a model -> with swirl or without."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Position:
     """One case. ``h`` and ``d`` over R, ``inf`` without ground or wall; ``level`` multiplies the mesh's cell counts.
 

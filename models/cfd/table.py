@@ -89,4 +89,9 @@ def _row(cell: dict[str, str]) -> Row:
     counts = {name: int(cell[name]) for name in COUNTS}
     words = {name: cell[name] for name in ("status", "start", "note")}
     result = Result(**numbers, **counts, **words, seconds=float(cell["seconds"]))  # type: ignore[arg-type]
-    return Row(Position(h, d, rpm, MODELS[cell["model"]], level, cell["approach"]), result)
+    return Row(
+        Position(
+            h=h, d=d, rpm=rpm, swirl=MODELS[cell["model"]], level=level, approach=cell["approach"]
+        ),
+        result,
+    )

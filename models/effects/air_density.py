@@ -45,7 +45,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),
     excite="known from pressure and temperature; weigh the vehicle to be sure",
-    coefficients=(Coefficient("gain", "1", 0.4, 1.6, typical=0.1, centre=1.0),),
+    coefficients=(Coefficient(name="gain", unit="1", low=0.4, high=1.6, typical=0.1, centre=1.0),),
     wrenches=_wrenches,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),

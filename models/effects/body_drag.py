@@ -42,8 +42,8 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
     coefficients=(
-        Coefficient("front", "1", -0.1, 10.0, typical=1.5),
-        Coefficient("side", "1", -0.1, 10.0, typical=1.5),
+        Coefficient(name="front", unit="1", low=-0.1, high=10.0, typical=1.5),
+        Coefficient(name="side", unit="1", low=-0.1, high=10.0, typical=1.5),
     ),
     wrenches=_wrenches,
     aliases=("rotor_drag",),

@@ -48,10 +48,12 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("range_up_m", "rpm_1"),
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
-    coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
+    coefficients=(
+        Coefficient(name="gain", unit="1", low=0.05, high=10.0, typical=0.6, centre=1.0),
+    ),
     wrenches=_wrenches,
     in_flight=FlightUse(gain=True),
-    shapes=(Shape("scale", "1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
+    shapes=(Shape(name="scale", unit="1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
     lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),
     aliases=("thrust_scale",),
     shown=Shown(

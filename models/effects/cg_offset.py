@@ -40,7 +40,8 @@ EFFECT = Effect(
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="vary the thrust: quick climbs and stops",
     coefficients=tuple(
-        Coefficient(a, "m", -0.3, 0.3, typical=lambda ctx: 0.05 * ctx.lever) for a in "xy"
+        Coefficient(name=a, unit="m", low=-0.3, high=0.3, typical=lambda ctx: 0.05 * ctx.lever)
+        for a in "xy"
     ),
     wrenches=_wrenches,
     needs_moments=True,

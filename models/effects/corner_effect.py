@@ -71,13 +71,13 @@ EFFECT = Effect(
     ),
     excite="descend and climb beside a wall, slowly, at two distances",
     coefficients=tuple(
-        Coefficient(f"{part}{rise}", "1", -2.0, 2.0, typical=typical)
+        Coefficient(name=f"{part}{rise}", unit="1", low=-2.0, high=2.0, typical=typical)
         for part, typical in (("pull", 0.08), ("lift", 0.1), ("tilt", 0.1))
         for rise in ("", "_rise")
     ),
     wrenches=_wrenches,
     in_flight=FlightUse(gain=True),
-    shapes=(Shape("length_radii", "1", tried=(0.7, 1.2, 2.0)),),
+    shapes=(Shape(name="length_radii", unit="1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("wall_effect", "ground_effect"),

@@ -74,7 +74,7 @@ Size = float | Callable[["Context"], float]
 """A number, or one that follows from the vehicle and the flight."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Coefficient:
     """One linear coefficient: name, unit, the range in which physics expects it, and its prior.
 
@@ -117,7 +117,7 @@ class Coefficient:
         return self.centre
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shape:
     """One non-linear parameter, profiled on a grid; ``kinds`` are values that have nothing in between.
 
@@ -136,7 +136,7 @@ class Shape:
     """Its values on the grid, where they are the same on every flight."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Context:
     """What an effect may look at: the state of the air, the vehicle, and the fan model (None: the empty model).
 
@@ -443,7 +443,7 @@ _FLOWN = FlightUse()
 NOT_FLOWN = FlightUse(InFlight.NONE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """One entry of the catalogue.
 
@@ -561,7 +561,10 @@ class Effect:
         def grid(ctx: Context) -> Sequence[tuple[float, ...]]:
             return [(*shape, 0.0, 0.0) for shape in self.shape_grid(ctx)]
 
-        times = Shape(FROM_S, "s", kinds=(0.0,)), Shape(UNTIL_S, "s", kinds=(0.0,))
+        times = (
+            Shape(name=FROM_S, unit="s", kinds=(0.0,)),
+            Shape(name=UNTIL_S, unit="s", kinds=(0.0,)),
+        )
         return replace(self, shapes=(*self.shapes, *times), wrenches=wrenches, grid=grid)
 
     def next_flight(self, adopted: AdoptedEffect) -> AdoptedEffect:

@@ -62,10 +62,10 @@ EFFECT = Effect(
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
     excite="quick roll and pitch steps, and steps of the thrust",
-    coefficients=(Coefficient("inertia", "kg m^2", 0.0, 0.1, typical=_likely),),
+    coefficients=(Coefficient(name="inertia", unit="kg m^2", low=0.0, high=0.1, typical=_likely),),
     wrenches=_wrenches,
     needs_moments=True,
-    shapes=(Shape("all_alike", "1", continuous=False, tried=(0.0, 1.0, -1.0)),),
+    shapes=(Shape(name="all_alike", unit="1", continuous=False, tried=(0.0, 1.0, -1.0)),),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),
 )

@@ -30,10 +30,10 @@ def _lacking(ctx: Context) -> str | None:
 
 def _offset(name: str, belongs_to: BelongsTo | None = None) -> Coefficient:
     return Coefficient(
-        name,
-        "m/s^2",
-        -MOST_M_S2,
-        MOST_M_S2,
+        name=name,
+        unit="m/s^2",
+        low=-MOST_M_S2,
+        high=MOST_M_S2,
         typical=USUAL_M_S2,
         belongs_to=belongs_to,
     )

@@ -53,7 +53,8 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 
 TILTS = tuple(
-    Coefficient(axis, "rad", -MOST_RAD, MOST_RAD, typical=USUAL_RAD) for axis in ("pitch", "roll")
+    Coefficient(name=axis, unit="rad", low=-MOST_RAD, high=MOST_RAD, typical=USUAL_RAD)
+    for axis in ("pitch", "roll")
 )
 
 EFFECT = Effect(

@@ -103,7 +103,7 @@ EFFECT = Effect(
     axes=("Fz", "Mx", "My"),
     channels=("range_down_m", "down_m", "north_m", "east_m"),
     excite="cross the edge of a table slowly, at three heights",
-    coefficients=(Coefficient("gain", "1", 0.3, 2.5, typical=0.5, centre=1.0),),
+    coefficients=(Coefficient(name="gain", unit="1", low=0.3, high=2.5, typical=0.5, centre=1.0),),
     wrenches=_wrenches,
     lacking=_lacking,
     aliases=("ground_effect", "cg_offset"),

@@ -57,8 +57,8 @@ EFFECT = Effect(
     # Loads are added more often than taken off.
     coefficients=(
         Coefficient(
-            "mass",
-            "kg",
+            name="mass",
+            unit="kg",
             low=lambda ctx: -MISSING * ctx.vehicle.mass_kg,
             high=lambda ctx: ctx.most_load_kg,
             typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg,

@@ -68,9 +68,11 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
     channels=("range_down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
-    coefficients=(Coefficient("offset_m", "m", -0.15, 0.15, typical=0.05),),
+    coefficients=(Coefficient(name="offset_m", unit="m", low=-0.15, high=0.15, typical=0.05),),
     wrenches=_wrenches,
-    shapes=(Shape("secant_m", "m", typical=0.04, tried=(*(-s for s in SIZES_M), *SIZES_M)),),
+    shapes=(
+        Shape(name="secant_m", unit="m", typical=0.04, tried=(*(-s for s in SIZES_M), *SIZES_M)),
+    ),
     at_shape=True,
     lacking=_lacking,
     aliases=("ground_effect", "vertical_inflow"),

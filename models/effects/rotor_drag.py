@@ -32,13 +32,20 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 0.5 m/s",
     coefficients=(
-        Coefficient("drag", "1", 0.05, 6.0, typical=1.0),
-        Coefficient("turning", "1", -6.0, 6.0),
-        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
+        Coefficient(name="drag", unit="1", low=0.05, high=6.0, typical=1.0),
+        Coefficient(name="turning", unit="1", low=-6.0, high=6.0),
+        Coefficient(
+            name="sinking", unit="1", low=-1.0, high=2.0, typical=0.3, centre=0.3, optional=True
+        ),
     ),
     wrenches=_wrenches,
     shapes=(
-        Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),
+        Shape(
+            name="above_radii",
+            unit="1",
+            free_at_zero=True,
+            tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
+        ),
     ),
     aliases=("body_drag", "wind"),
     chance=0.3,

@@ -111,15 +111,27 @@ EFFECT = Effect(
     excite="sideways steps and stops, then hover and wait",
     coefficients=(
         Coefficient(
-            "swinging", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely
+            name="swinging",
+            unit="kg",
+            low=0.0,
+            high=lambda ctx: ctx.most_load_kg,
+            typical=_likely,
+            centre=_likely,
         ),
         Coefficient(
-            "mass", "kg", 0.0, lambda ctx: ctx.most_load_kg, typical=_likely, centre=_likely
+            name="mass",
+            unit="kg",
+            low=0.0,
+            high=lambda ctx: ctx.most_load_kg,
+            typical=_likely,
+            centre=_likely,
         ),
-        Coefficient("hook", "kg m", -1e3, 1e3, typical=lambda ctx: 0.3 * ctx.lever),
+        Coefficient(
+            name="hook", unit="kg m", low=-1e3, high=1e3, typical=lambda ctx: 0.3 * ctx.lever
+        ),
     ),
     wrenches=_wrenches,
-    shapes=(Shape("rope_m", "m", tried=ROPES_M),),
+    shapes=(Shape(name="rope_m", unit="m", tried=ROPES_M),),
     grid=_grid,
     lacking=_lacking,
     aliases=("payload",),

@@ -144,7 +144,7 @@ EFFECT = Effect(
     ),
     excite="fly slowly to ground, wall and corner, at three heights and distances each",
     coefficients=tuple(
-        Coefficient(name, "1", -math.inf, math.inf)
+        Coefficient(name=name, unit="1", low=-math.inf, high=math.inf)
         for name in (
             *(f"{part}_of_model" for part in PARTS),
             *(cell_name(part, k) for part, k in CELLS),
@@ -153,7 +153,8 @@ EFFECT = Effect(
     wrenches=_wrenches,
     mixing=_mixing,
     shapes=tuple(
-        Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS
+        Shape(name=f"{part}_spread", unit="1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0))
+        for part in PARTS
     ),
     lacking=_lacking,
     in_flight=FlightUse(

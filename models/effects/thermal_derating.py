@@ -50,12 +50,14 @@ EFFECT = Effect(
     channels=("esc_temperature_c", "rpm_1"),
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
     coefficients=(
-        Coefficient("slope", "1", -0.2, 0.0, typical=0.03),
-        Coefficient("start", "1", -0.3, 0.3, typical=0.05, belongs_to=BelongsTo.LOAD),
+        Coefficient(name="slope", unit="1", low=-0.2, high=0.0, typical=0.03),
+        Coefficient(
+            name="start", unit="1", low=-0.3, high=0.3, typical=0.05, belongs_to=BelongsTo.LOAD
+        ),
     ),
     main=("slope",),
     wrenches=_wrenches,
-    shapes=(Shape("reference_c", "degC", continuous=False),),
+    shapes=(Shape(name="reference_c", unit="degC", continuous=False),),
     grid=_grid,
     lacking=_lacking,
     contains=("thrust_scale",),

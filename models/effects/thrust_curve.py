@@ -51,9 +51,20 @@ EFFECT = Effect(
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
     coefficients=(
         Coefficient(
-            "slope", "1", _flattest, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)
+            name="slope",
+            unit="1",
+            low=_flattest,
+            high=1.5,
+            typical=_likely,
+            centre=lambda ctx: ctx.by_kind(0.0, 0.1),
         ),
-        Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
+        Coefficient(
+            name="curvature",
+            unit="1",
+            low=-3.0,
+            high=3.0,
+            typical=lambda ctx: ctx.by_kind(0.15, 0.4),
+        ),
     ),
     main=("slope", "curvature"),
     lacking=where_commanded,

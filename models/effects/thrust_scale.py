@@ -34,7 +34,9 @@ EFFECT = Effect(
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
     # Outputs are declared by a hover of this vehicle, rotor speeds by a coefficient of a data sheet.
     coefficients=(
-        Coefficient("scale", "1", -0.6, 0.6, typical=lambda ctx: ctx.by_kind(0.15, 0.06)),
+        Coefficient(
+            name="scale", unit="1", low=-0.6, high=0.6, typical=lambda ctx: ctx.by_kind(0.15, 0.06)
+        ),
     ),
     wrenches=_wrenches,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),

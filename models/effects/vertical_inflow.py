@@ -57,15 +57,29 @@ EFFECT = Effect(
     channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",
     coefficients=(
-        Coefficient("slope", "1", 0.2, 20.0, typical=2.5, centre=4.0),
-        Coefficient("turning", "1", -20.0, 20.0, typical=4.0, optional=True),
+        Coefficient(name="slope", unit="1", low=0.2, high=20.0, typical=2.5, centre=4.0),
+        Coefficient(name="turning", unit="1", low=-20.0, high=20.0, typical=4.0, optional=True),
         Coefficient(
-            "north", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True
+            name="north",
+            unit="m/s",
+            low=-200.0,
+            high=200.0,
+            typical=16.0,
+            belongs_to=BelongsTo.WEATHER,
+            optional=True,
         ),
         Coefficient(
-            "east", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True
+            name="east",
+            unit="m/s",
+            low=-200.0,
+            high=200.0,
+            typical=16.0,
+            belongs_to=BelongsTo.WEATHER,
+            optional=True,
         ),
-        Coefficient("level", "1", -0.2, 1.5, typical=0.2, centre=0.15, optional=True),
+        Coefficient(
+            name="level", unit="1", low=-0.2, high=1.5, typical=0.2, centre=0.15, optional=True
+        ),
     ),
     main=("slope", "north", "east"),
     chance=0.3,

@@ -17,7 +17,7 @@ BEYOND_DATA = 1.5
 OVER_SHARE = 0.003
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Coordinates:
     """Maps h, d [m] and rpm to inputs in [-1, 1] and to the gates that multiply the increments.
 

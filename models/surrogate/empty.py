@@ -22,17 +22,17 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
     thrust = reference_thrust(vehicle, None)
     zero = (0.0,) * 6
     law = FreeAir(
-        float(thrust.mean()),
-        REFERENCE_RPM,
-        0.0,
-        (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-        zero,
-        "vehicle file",
+        lift_n=float(thrust.mean()),
+        rpm_ref=REFERENCE_RPM,
+        exponent=0.0,
+        share=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+        scatter=zero,
+        origin="vehicle file",
     )
     fan = identity(law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m)
     return FanSurrogate(
-        law,
-        Coordinates(
+        free_air_law=law,
+        coordinates=Coordinates(
             h_near=0.0,
             h_far=0.0,
             d_near=0.0,
@@ -41,9 +41,9 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
             rpm_high=1e5,
             axisymmetric=True,
         ),
-        PolynomialRegressor(1, np.zeros((4, 6)), np.zeros(6)),
-        Calibration(zero, zero, (1.0,) * 6),
-        Domain(np.ones((NODES, NODES)), 0.0, 0.0, 1.0, 1e5),
+        regressor=PolynomialRegressor(1, np.zeros((4, 6)), np.zeros(6)),
+        calibration=Calibration(zero, zero, (1.0,) * 6),
+        domain=Domain(np.ones((NODES, NODES)), 0.0, 0.0, 1.0, 1e5),
         info={"method": "none", "data_hash": "", "metrics": {}, "fan": fan.as_info()},
     )
 

@@ -59,7 +59,7 @@ class Calibration:
     size: tuple[float, ...]
 
 
-@dataclass(eq=False, repr=False)
+@dataclass(eq=False, repr=False, kw_only=True)
 class FanSurrogate:
     """One fan's wrench over (h, d, rpm), corner frame: lift(rpm) x (free-air share + gate(h, d) x increment(x)).
 

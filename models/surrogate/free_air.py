@@ -22,7 +22,7 @@ SIGNIFICANT = 4.0
 OUTER_SHARE = 0.9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FreeAir:
     """Free-air law of one fan.
 
@@ -79,7 +79,12 @@ def fit(data: DataSet) -> FreeAir:
     share[HORIZONTAL & ~_standing(data, ratio)[0]] = 0.0
     scatter = np.sqrt(np.mean((ratio[rows] - share) ** 2, axis=0))
     return FreeAir(
-        lift_n, rpm_ref, exponent, tuple(share.tolist()), tuple(scatter.tolist()), origin
+        lift_n=lift_n,
+        rpm_ref=rpm_ref,
+        exponent=exponent,
+        share=tuple(share.tolist()),
+        scatter=tuple(scatter.tolist()),
+        origin=origin,
     )
 
 

@@ -22,7 +22,7 @@ LEAST_GATE = 0.02
 DATA_ACCURACY = 1e-2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Process:
     """One zero-mean process with covariance k(x, x') = exp(-sum((x - x')^2 / (2 l^2))), shared by some components.
 
@@ -143,7 +143,14 @@ def _fit_process(
     prior = np.zeros(6)
     weights[:, columns] = np.linalg.solve(covariance, target) * deviation
     prior[columns] = deviation * np.sqrt(variance)
-    return Process(columns.astype(float), x[chosen], lengths, weights, prior, root)
+    return Process(
+        columns=columns.astype(float),
+        rows=x[chosen],
+        lengths=lengths,
+        weights=weights,
+        deviation=prior,
+        root=root,
+    )
 
 
 def _correlation(a: Array, b: Array, lengths: Array) -> Array:

@@ -96,11 +96,11 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
     with _named(path):
         regressor: Regressor = REGRESSORS[manifest["regressor"]].from_arrays(arrays)
         return FanSurrogate(
-            FreeAir(**_tuples(manifest["free_air"])),
-            Coordinates(**manifest["coordinates"]),
-            regressor,
-            Calibration(**_tuples(manifest["calibration"])),
-            Domain(arrays["domain_map"], **manifest["domain"]),
+            free_air_law=FreeAir(**_tuples(manifest["free_air"])),
+            coordinates=Coordinates(**manifest["coordinates"]),
+            regressor=regressor,
+            calibration=Calibration(**_tuples(manifest["calibration"])),
+            domain=Domain(arrays["domain_map"], **manifest["domain"]),
             effects=tuple(map(_effect, manifest["effects"])),
             info={k: v for k, v in manifest.items() if k not in _OWN_KEYS},
         )

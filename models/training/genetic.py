@@ -23,7 +23,7 @@ Evaluate = Callable[[Genes], Array]
 """Mean squared errors (runs, pop) of chromosomes (runs, pop, genes)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """Choices the paper does not print; gene bounds are those of the first population and of mutation."""
 

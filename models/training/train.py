@@ -58,7 +58,7 @@ def silent(*_: object) -> None:
     """No progress is shown."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Problem:
     """A data set framed for regression: y = gate x net(x), with y the increments over the free-air lift.
 
@@ -208,7 +208,12 @@ def train(
         info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
     model = FanSurrogate(
-        problem.free_air, problem.coordinates, regressor, calibrated, where, info=info
+        free_air_law=problem.free_air,
+        coordinates=problem.coordinates,
+        regressor=regressor,
+        calibration=calibrated,
+        domain=where,
+        info=info,
     )
     found = {
         "train": measure(model, part, problem.live),

@@ -15,7 +15,7 @@ CW = 1
 CCW = -1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motor:
     """Motor ``number`` from 1, its place over the arm's length (forward, right), and its spin seen from above."""
 
@@ -40,7 +40,7 @@ def _ring(angle_spin: Sequence[tuple[float, int]]) -> Frame:
 def _at(number: int, angle: float, spin: int) -> Motor:
     radians = math.radians(angle)
     return Motor(
-        number,
+        number=number,
         forward=round(math.cos(radians), 9),
         right=round(math.sin(radians), 9),
         spin=spin,
@@ -51,7 +51,9 @@ def _placed(places: Sequence[tuple[float, float, int]]) -> Frame:
     """Motors by (forward, right, spin) in any unit of length."""
     arm = max(math.hypot(x, y) for x, y, _ in places)
     numbered = enumerate(places, 1)
-    return tuple(Motor(k, x / arm, y / arm, spin) for k, (x, y, spin) in numbered)
+    return tuple(
+        Motor(number=k, forward=x / arm, right=y / arm, spin=spin) for k, (x, y, spin) in numbered
+    )
 
 
 def _reversed(motors: Frame) -> Frame:

@@ -67,7 +67,10 @@ def px4_motors(parameters: Mapping[str, float]) -> tuple[Frame, float] | None:
         return None
     spins = [CCW if parameters.get(f"CA_ROTOR{k}_KM", 0.05) > 0.0 else CW for k in range(count)]
     numbered = enumerate(zip(places, spins, strict=True), 1)
-    motors = tuple(Motor(k, x / arm, y / arm, spin, z / arm) for k, ((x, y, z), spin) in numbered)
+    motors = tuple(
+        Motor(number=k, forward=x / arm, right=y / arm, spin=spin, down=z / arm)
+        for k, ((x, y, z), spin) in numbered
+    )
     return motors, arm
 
 

@@ -22,7 +22,7 @@ USUAL_PULSES = "usual pulses, from 1000 us"
 _LOOKS_DOWN = 25
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Answers:
     """What logs, their parameters and a person say of a vehicle."""
 

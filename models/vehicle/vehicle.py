@@ -54,7 +54,7 @@ class Fan:
     cq: Annotated[float | None, above(0.0, 1.0)] = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Vane:
     """A control vane in a fan's exhaust; its force is ``force_per_thrust_rad`` x deflection x the fan's lift."""
 
@@ -73,7 +73,7 @@ class Vane:
         return None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Throttle:
     """Thrust of a rotor from its servo output, where no rotor speed is telemetered.
 
@@ -123,7 +123,7 @@ class Rangefinder:
         return None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Limits:
     """How far and how fast an offset may go (``thrust`` is a share of full throttle), and how the hold may move.
 
@@ -141,7 +141,7 @@ class Limits:
     acceleration_m_s2: Annotated[float, above(0.0, 10.0)] = 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Vehicle:
     """Everything about the vehicle that the air does not decide. SI units, body FRD about the CG."""
 

@@ -210,11 +210,16 @@ def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
     mean = fit.sizes(term, term.flight)
     sd = np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     out = [
-        IntervalEstimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
+        IntervalEstimate(
+            name=c.name,
+            value=float(m),
+            ci95=(float(m - 1.96 * s), float(m + 1.96 * s)),
+            unit=c.unit,
+        )
         for c, m, s in zip(term.named.coefficients, mean, sd, strict=True)
     ]
     out += [
-        IntervalEstimate(s.name, v, None, s.unit)
+        IntervalEstimate(name=s.name, value=v, ci95=None, unit=s.unit)
         for s, v in zip(term.named.shapes, term.shape, strict=True)
     ]
     return tuple(out)

@@ -58,7 +58,9 @@ def amended(
         info["fan"] = identity(
             base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m
         ).as_info()
-    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
+    context = Context(
+        state=blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle=vehicle, model=model
+    )
     days = {e.name: _day(e, context) for e in effects}
     of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
     if of_day:

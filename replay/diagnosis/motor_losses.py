@@ -56,7 +56,7 @@ def _parameters(loss: MotorLoss) -> list[IntervalEstimate]:
     low, high = loss.interval
     one = len(loss.motors) == 1
     return [
-        IntervalEstimate("scale", -loss.share, (-high, -low), "1"),
+        IntervalEstimate(name="scale", value=-loss.share, ci95=(-high, -low), unit="1"),
         IntervalEstimate(
             name="fan",
             value=float(loss.motors[0]),

@@ -15,7 +15,7 @@ from models.common.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Column:
     """One column: values (n,) at boot times ``t_s`` (n,). Columns of one ``topic`` are of one message."""
 
@@ -149,9 +149,23 @@ def _spread(
     for k, name in enumerate(names, first):
         known: NDArray[np.bool_] = np.isfinite(series.values[:, k])
         if known.all():  # no copy: columns of one message share their times
-            yield Column(name, unit, description, series.t_s, series.values[:, k], topic)
+            yield Column(
+                name=name,
+                unit=unit,
+                description=description,
+                t_s=series.t_s,
+                values=series.values[:, k],
+                topic=topic,
+            )
         elif known.any():
-            yield Column(name, unit, description, series.t_s[known], series.values[known, k], topic)
+            yield Column(
+                name=name,
+                unit=unit,
+                description=description,
+                t_s=series.t_s[known],
+                values=series.values[known, k],
+                topic=topic,
+            )
 
 
 def _state(
@@ -164,4 +178,11 @@ def _state(
         at |= {i.end_s: 0.0 for i in intervals if i.end_s not in at}
     times = sorted(at)
     values = np.array([at[t] for t in times])
-    yield Column(name, "1", description, np.array(times), values, "state")
+    yield Column(
+        name=name,
+        unit="1",
+        description=description,
+        t_s=np.array(times),
+        values=values,
+        topic="state",
+    )

@@ -15,7 +15,7 @@ _GAP_S = 0.3
 """A pause is a gap where it lasts five periods and 0.3 s or more. Shorter pauses are interpolated by those who read."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stream:
     """One quantity of a log."""
 

@@ -30,7 +30,7 @@ _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BootInfo:
     """One boot."""
 
@@ -54,7 +54,7 @@ class BootInfo:
     notes: Sequence[str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LogInfo:
     """One file."""
 
@@ -123,7 +123,9 @@ def inspect(
         name = what_it_is(flown)
     else:
         name = vehicle.name
-    return LogInfo(str(path), path.stat().st_size, name, boots, refusal)
+    return LogInfo(
+        log=str(path), bytes=path.stat().st_size, vehicle=name, boots=boots, refusal=refusal
+    )
 
 
 def _with_frame(log: FlightLog) -> FlightLog:

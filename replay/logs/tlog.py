@@ -32,7 +32,7 @@ _NO_STAMP = np.uint64(2**62)
 """Larger numbers are no time in microseconds (146 000 years), and would overflow signed 64 bits."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Report:
     """What had to be dropped or repaired."""
 
@@ -160,7 +160,12 @@ def read_tlog(path: Path) -> Tlog:
         | bytes_[source[wide] + 4].astype(np.int32) << 16
     )
     report = Report(
-        counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps
+        bad_crc=counts.bad_crc,
+        unknown=counts.unknown,
+        skipped_bytes=counts.skipped_bytes,
+        truncated_bytes=len(data) - rest,
+        stamps_repaired=repaired,
+        clock_steps=steps,
     )
     return Tlog(
         path=path,

@@ -28,7 +28,7 @@ Errors = dict[str, dict[str, Any]]
 """By axis: RMS without the adopted effects and with them, its 95 % ``interval``, and the unit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Predicted:
     """One flight. Residuals (n, 6) in N and N m on the judged samples ``rows`` (n,)."""
 
@@ -179,7 +179,12 @@ def predicted(record: Record, bare: Record, model: FanSurrogate, *, frozen: bool
         residual = residual - day.wrench
         rows = rows & ~learning_time(record)
     return Predicted(
-        record, np.nan_to_num(bare.residual), residual, rows, day, learnt_from(model, record.path)
+        record=record,
+        without=np.nan_to_num(bare.residual),
+        with_effects=residual,
+        rows=rows,
+        day=day,
+        learnt_from=learnt_from(model, record.path),
     )
 
 

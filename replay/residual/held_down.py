@@ -60,7 +60,7 @@ LONG_S = 8.0
 """A run of the rotors that is judged by itself; shorter ones are judged together."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Seen:
     """Of ``m`` samples ``SAMPLE_S`` apart: lift over its usual size, felt force [g], roll and pitch [deg], speed."""
 

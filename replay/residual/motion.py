@@ -28,7 +28,7 @@ ENOUGH_S = 8.0
 """What all flights together have to hold."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trajectory:
     """What the log says of the motion at the ``n`` times ``grid.t``; NaN where it says nothing.
 

@@ -37,7 +37,7 @@ from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Airborne, Excluded, airborne, judged_time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """One flight, ready to be searched: rows on a uniform clock, smoothed alike.
 
@@ -90,9 +90,9 @@ def build_record(
     axes, notes = judged_axes(motion, vehicle)
     state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
-    air = airborne(log, Context(state, vehicle, model), motion)
+    air = airborne(log, Context(state=state, vehicle=vehicle, model=model), motion)
     state, left_out, said = resolved(log, vehicle, grid, state, air.flying)
-    context = Context(state, vehicle, model)
+    context = Context(state=state, vehicle=vehicle, model=model)
     modelled = _modelled(context, effects)
     measured = _measured(motion, vehicle)
     motors = motor_faults(log, context, motion, air.flying)
@@ -117,9 +117,9 @@ def build_record(
         name=name or log.path.name,
         path=log.path,
         context=Context(
-            small,
-            vehicle,
-            model,
+            state=small,
+            vehicle=vehicle,
+            model=model,
             clock_moved_s=max(rotors.correction_s, 0.0),
             commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
             accelerometer=not derived,
@@ -154,7 +154,7 @@ def _on_one_clock(
     t = motion.grid.t
     rotation = motion.rotation
     state = raw_state(log, vehicle, motion)
-    rotors = rotor_delay(Context(state, vehicle, model), motion.grid)
+    rotors = rotor_delay(Context(state=state, vehicle=vehicle, model=model), motion.grid)
     ranges = range_delay_of(log, vehicle, t, rotation, motion.velocity, motion.position)
     if ranges is None:
         range_late_s = 0.0

@@ -29,7 +29,7 @@ _SIDE = 1.96
 """Standard deviations from the middle to the end of a 95 % interval."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IntervalEstimate:
     """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
 
@@ -110,7 +110,9 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         interval = min(value, m - half), max(value, m + half)
         determined = s < LEARNT / np.sqrt(TRUST) * typical
-        one = IntervalEstimate(c.name, value, interval, c.unit, at, determined)
+        one = IntervalEstimate(
+            name=c.name, value=value, ci95=interval, unit=c.unit, at_bound=at, determined=determined
+        )
         fitted.append(one)
         possible.append(replace(one, ci95=_within_bounds(m, s, low, high)))
     fitted += shapes
@@ -155,7 +157,12 @@ def said(
             low, value, high = _quantiles(quantity.of(context, draws), weight)
             out.append(
                 IntervalEstimate(
-                    quantity.name, value, (low, high), quantity.unit, e.at_bound, e.determined
+                    name=quantity.name,
+                    value=value,
+                    ci95=(low, high),
+                    unit=quantity.unit,
+                    at_bound=e.at_bound,
+                    determined=e.determined,
                 )
             )
     return tuple(out)
@@ -236,10 +243,10 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     shape = term.named.shapes[i]
     value = float(term.shape[i])
     if not shape.continuous or value in shape.kinds:
-        return IntervalEstimate(shape.name, value, None, shape.unit)
+        return IntervalEstimate(name=shape.name, value=value, ci95=None, unit=shape.unit)
     gains = _profile(walked, term, i)
     if len(gains) < 2:
-        return IntervalEstimate(shape.name, value, None, shape.unit)
+        return IntervalEstimate(name=shape.name, value=value, ci95=None, unit=shape.unit)
     tried = np.array(sorted(gains))
     weight = np.exp([gains[v] - max(gains.values()) for v in tried])
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
@@ -253,7 +260,13 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     if tried[0] >= 0.0:
         low = max(low, 0.0)
     at = value in (tried[0], tried[-1]) and not (value == 0.0 and shape.free_at_zero)
-    return IntervalEstimate(shape.name, value, (float(low), float(high)), shape.unit, bool(at))
+    return IntervalEstimate(
+        name=shape.name,
+        value=value,
+        ci95=(float(low), float(high)),
+        unit=shape.unit,
+        at_bound=bool(at),
+    )
 
 
 def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:

@@ -56,7 +56,7 @@ class Acting:
     parameters: dict[str, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FlightFit:
     """One flight under a set. Residuals are (n, 6)."""
 
@@ -145,7 +145,14 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
         if t.effect is not None and f in t.places:
             effects[t.key], wrench = _acting(library, best, t, f, folds, fold_of)
             rest = rest - wrench
-    fit = FlightFit(record, f, before, effects, rest, np.zeros_like(rest))
+    fit = FlightFit(
+        record=record,
+        index=f,
+        before=before,
+        effects=effects,
+        rest=rest,
+        beside=np.zeros_like(rest),
+    )
     carriers, curves = _curves(library, best, fit)
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
     return replace(fit, rest=rest - trim, beside=curves + trim, carriers=carriers)

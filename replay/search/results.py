@@ -40,7 +40,7 @@ WORSE_SHARE = 0.005
 """Share of the residual's energy by which an effect may make held-out time worse: noise, where it is hardly excited."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """An effect that was adopted, over all flights that show it.
 

@@ -51,7 +51,7 @@ class Sets:
         return self.fits[fit.key]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Walked:
     """What a walk over sets came to: every set that was weighed, and the best."""
 

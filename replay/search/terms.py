@@ -27,7 +27,7 @@ STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Term:
     """One effect in one shape (or one free curve): Gaussian prior on its coefficients, cut off at bounds.
 

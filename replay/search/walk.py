@@ -63,7 +63,12 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         best = canonical(list(sets.fits.values()))
         if best.key <= known:
             break
-    return Walked(evidence, sets.fits, sets.fits[best.key], left_out=tuple(account.left_out))
+    return Walked(
+        evidence=evidence,
+        fits=sets.fits,
+        best=sets.fits[best.key],
+        left_out=tuple(account.left_out),
+    )
 
 
 def allowed(records: Sequence[Record]) -> float:

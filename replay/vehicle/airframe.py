@@ -48,7 +48,7 @@ _SAME_US = 2.0
 """The two rotors of a coaxial fan get one output; they differ by rounding."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Airframe:
     """``motors`` of the frame ``name``; ``numbers``: of each its ESC (``telemetered``) or output, from 1."""
 
@@ -141,9 +141,9 @@ def _frame(log: FlightLog, seen: int) -> Airframe | None:
     rotors = px4_rotors(log.parameters)
     if rotors is not None:
         return Airframe(
-            rotors.name,
-            rotors.motors,
-            "CA_ROTORn_PX, _PY, _KM",
+            name=rotors.name,
+            motors=rotors.motors,
+            source="CA_ROTORn_PX, _PY, _KM",
             unsure=rotors.unsure,
             declared=True,
             arm_m=rotors.arm_m,
@@ -171,7 +171,9 @@ def _frame(log: FlightLog, seen: int) -> Airframe | None:
         unsure = ""
     else:
         unsure = "no parameter says the frame"
-    return Airframe(usual, FRAMES[usual], f"{said_by}: the usual {usual}", unsure)
+    return Airframe(
+        name=usual, motors=FRAMES[usual], source=f"{said_by}: the usual {usual}", unsure=unsure
+    )
 
 
 def _said(log: FlightLog, count: int) -> SaidFrame | None:
@@ -190,7 +192,13 @@ def _of_firmware(said: SaidFrame, count: int) -> Airframe | None:
         return _unknown(count, said.said, said.unsure, declared=True)
     motors = FRAMES[said.name]
     unsure = said.unsure or UNSURE.get(said.name, "")
-    return Airframe(said.name, motors, said.said + _yaw_words(motors), unsure, declared=True)
+    return Airframe(
+        name=said.name,
+        motors=motors,
+        source=said.said + _yaw_words(motors),
+        unsure=unsure,
+        declared=True,
+    )
 
 
 def _yaw_words(motors: tuple[Motor, ...]) -> str:
@@ -206,13 +214,15 @@ def _unknown(count: int, said: str, why: str, *, declared: bool = False) -> Airf
     """So many motors, evenly spaced."""
     if not 2 <= count <= 12:
         return None
-    return Airframe(f"{count} rotors", _ring(count), said, why, declared)
+    return Airframe(
+        name=f"{count} rotors", motors=_ring(count), source=said, unsure=why, declared=declared
+    )
 
 
 def _ring(count: int) -> tuple[Motor, ...]:
     angles = 2.0 * np.pi * (np.arange(count) + 0.5) / count
     return tuple(
-        Motor(k, float(np.cos(a)), float(np.sin(a)), 1 if k % 2 else -1)
+        Motor(number=k, forward=float(np.cos(a)), right=float(np.sin(a)), spin=1 if k % 2 else -1)
         for k, a in enumerate(angles, 1)
     )
 

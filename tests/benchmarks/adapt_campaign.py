@@ -54,8 +54,8 @@ class Case:
             law_of(self.scenario, self.seed),
         )
         config = PipelineConfig(
-            vehicle,
-            model_of(self.kind, vehicle, law),
+            vehicle=vehicle,
+            model=model_of(self.kind, vehicle, law),
             offsets=self.mode in MODES,
             adapt=Adapt.FULL if self.mode == "full" else Adapt.OFF,
         )

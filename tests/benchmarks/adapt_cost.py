@@ -90,7 +90,8 @@ def main() -> int:
     a = p.parse_args()
     vehicle = default_vehicle()
     off, full = (
-        PipelineConfig(vehicle, models.load(), adapt=mode) for mode in (Adapt.OFF, Adapt.FULL)
+        PipelineConfig(vehicle=vehicle, model=models.load(), adapt=mode)
+        for mode in (Adapt.OFF, Adapt.FULL)
     )
     with tempfile.TemporaryDirectory() as folder:
         log = a.log

@@ -72,7 +72,12 @@ def carrying(seed: int) -> tuple[Watch, list[Truth]]:
     )
     flight = simulated(vehicle, build("hover", vehicle), seed)
     ratio, at_s = thrust_ratio(flight, model), 25.0
-    watch = fly(flight, PipelineConfig(vehicle, model, adapt=Adapt.FULL), 50.0, payload(at_s, kg))
+    watch = fly(
+        flight,
+        PipelineConfig(vehicle=vehicle, model=model, adapt=Adapt.FULL),
+        50.0,
+        payload(at_s, kg),
+    )
     loaded = ratio * vehicle.mass_kg / (vehicle.mass_kg + kg)
     return watch, [
         Truth(
@@ -90,7 +95,7 @@ def blown(seed: int) -> tuple[Watch, list[Truth]]:
     north, east = speed * math.cos(towards), speed * math.sin(towards)
     watch = fly(
         simulated(vehicle, build("hover", vehicle), seed),
-        PipelineConfig(vehicle, model, adapt=Adapt.FULL), 50.0, wind(at_s, north, east),
+        PipelineConfig(vehicle=vehicle, model=model, adapt=Adapt.FULL), 50.0, wind(at_s, north, east),
     )  # fmt: skip
     from_s = at_s + 3.0 + AFTER_S
     return watch, [
@@ -120,7 +125,7 @@ def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
     flight = simulated(vehicle, script, seed)
     ratio = thrust_ratio(flight, model)
     add_ceiling(flight, 1.8, gain)
-    watch = fly(flight, PipelineConfig(vehicle, known, adapt=Adapt.FULL), 90.0)
+    watch = fly(flight, PipelineConfig(vehicle=vehicle, model=known, adapt=Adapt.FULL), 90.0)
     return watch, [Truth("ceiling", START_S + 17.0, lambda _: gain * ratio)]
 
 
@@ -144,7 +149,12 @@ def sagging(seed: int) -> tuple[Watch, list[Truth]]:
             ]
             ratios.append((t, float(np.mean(each))))
 
-    watch = fly(flight, PipelineConfig(vehicle, empty_model(vehicle), adapt=Adapt.FULL), 60.0, note)
+    watch = fly(
+        flight,
+        PipelineConfig(vehicle=vehicle, model=empty_model(vehicle), adapt=Adapt.FULL),
+        60.0,
+        note,
+    )
 
     def truth(t: float) -> float:
         return float(np.interp(t, [r[0] for r in ratios], [r[1] for r in ratios]))
@@ -169,7 +179,7 @@ def cornered(seed: int) -> tuple[Watch, list[Truth]]:
     model = TrueModel(vehicle, law)
     flight = simulated(vehicle, build("corner", vehicle), seed, law=law)
     ratio = thrust_ratio(flight, model)
-    config = PipelineConfig(vehicle, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
+    config = PipelineConfig(vehicle=vehicle, model=model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     watch = fly(flight, config, 120.0)
     return watch, [
         Truth(name, START_S + 17.0, lambda _: ratio)

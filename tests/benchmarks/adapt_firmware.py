@@ -66,7 +66,9 @@ def wrong_model(kind: str, vehicle: Vehicle) -> Any:
 def compensated(vehicle_file: Path, log: Path, kind: str, mode: str) -> tuple[Array, Array]:
     """Boot times (n,) in the air, and what would be compensated there (n, 3), body x, y, z [N]."""
     vehicle = load_vehicle(vehicle_file)
-    config = PipelineConfig(vehicle, wrong_model(kind, vehicle), dry_run=True, adapt=MODES[mode])
+    config = PipelineConfig(
+        vehicle=vehicle, model=wrong_model(kind, vehicle), dry_run=True, adapt=MODES[mode]
+    )
     times, rows = [], []
     for decision in decisions(log, config):
         d = decision.disturbance

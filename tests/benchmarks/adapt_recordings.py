@@ -81,7 +81,9 @@ class Learned:
 def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
     """Replay one log with adaptation, and look at what it saw. Raises UserError where it cannot be read."""
     vehicle = load_vehicle(vehicle_file)
-    config = PipelineConfig(vehicle, choose(vehicle, model).model, dry_run=True, adapt=Adapt.FULL)
+    config = PipelineConfig(
+        vehicle=vehicle, model=choose(vehicle, model).model, dry_run=True, adapt=Adapt.FULL
+    )
     seen: deque[BlockResidual] = deque(maxlen=1)
     inner = adapt.block_of.block_residual
 

@@ -75,10 +75,10 @@ def main() -> int:
     add_option(p)
     a = p.parse_args()
     settings = CompareSettings(
-        a.scenario,
-        a.vehicle,
-        a.model,
-        a.adapt,
+        scenario=a.scenario,
+        vehicle=a.vehicle,
+        model=a.model,
+        adapt=a.adapt,
         estimator=VisionEstimator if a.vision else Estimator,
     )
     try:

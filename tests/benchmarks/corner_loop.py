@@ -98,7 +98,7 @@ class World:
     ) -> Array:
         once = build(self.scenario, self.vehicle, air=leg is not Leg.FREE)
         config = PipelineConfig(
-            self.vehicle, choose(self.vehicle, model).model, offsets=leg in (Leg.ON, Leg.ADAPTED),
+            vehicle=self.vehicle, model=choose(self.vehicle, model).model, offsets=leg in (Leg.ON, Leg.ADAPTED),
             adapt=Adapt.FULL if adapt else Adapt.OFF,
         )  # fmt: skip
         flight = simulated(self.vehicle, once.repeated(approaches), seed, px4=self.px4)

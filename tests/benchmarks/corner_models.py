@@ -51,13 +51,13 @@ def scaled(model: FanSurrogate, vehicle: Vehicle, gain: float, nearer: float) ->
     speeds = (c.rpm_low, c.rpm_high) if size == 1.0 else (500.0, 20000.0)
     each = [abs(gain) * a for a in arms]
     return FanSurrogate(
-        law,
-        replace(c, h_near=c.h_near * far, h_far=c.h_far * far, d_near=c.d_near * far, d_far=c.d_far * far),
-        NetEnsemble(
+        free_air_law=law,
+        coordinates=replace(c, h_near=c.h_near * far, h_far=c.h_far * far, d_near=c.d_near * far, d_far=c.d_far * far),
+        regressor=NetEnsemble(
             nets.w1, nets.b1, nets.w2 * gain * _row(arms, 3), nets.b2 * gain * _row(arms, 2)
         ),
-        replace(k, floor=_times(k.floor, each), size=_times(k.size, each)),
-        Domain(d.map, d.h_near * far, d.d_near * far, *speeds),
+        calibration=replace(k, floor=_times(k.floor, each), size=_times(k.size, each)),
+        domain=Domain(d.map, d.h_near * far, d.d_near * far, *speeds),
         info={**model.info, "fan": mine.as_info(), "method": f"{model.info['method']}, made wrong on purpose"},
     )  # fmt: skip
 

@@ -140,7 +140,7 @@ def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
     )  # fmt: skip
     residual = np.stack([s * coloured(rng, n, tau_s, step) for s in LEVEL], axis=1)
     return Record(
-        name=f"noise-{seed}", path=Path(f"noise-{seed}"), context=Context(state, vehicle, model),
+        name=f"noise-{seed}", path=Path(f"noise-{seed}"), context=Context(state=state, vehicle=vehicle, model=model),
         residual=residual, measured=residual,
         valid=np.ones(n, bool), axes=tuple(range(6)), step_s=step, kinematic_bias=np.zeros((n, 3)),
         channels=named_channels(vehicle, state), delays=(), excluded=(),

@@ -88,7 +88,7 @@ def flight() -> Context:
         "pressure_pa": np.full(len(t), 95000.0),
         "air_temperature_c": np.full(len(t), 30.0),
     }
-    return Context(replace(state, **filled), vehicle, models.load())
+    return Context(state=replace(state, **filled), vehicle=vehicle, model=models.load())
 
 
 def curve(effect: Effect, ctx: Context) -> tuple[str, str, Array, Array]:

@@ -275,7 +275,7 @@ def fly_one(
     """One case with the shipped quadrotor or another file, in free-air rotors (``--model none``)."""
     case = next(c for c in CASES if c.name == name)
     declared = load_vehicle(vehicle or QUAD)
-    config = PipelineConfig(declared, empty_model(declared), adapt=adapt)
+    config = PipelineConfig(vehicle=declared, model=empty_model(declared), adapt=adapt)
     log, truth = (record / f"{name}.tlog", record / f"{name}.truth.csv") if record else (None, None)
     return fly_case(case, declared, config, seed, truth=truth, record=log)
 

@@ -267,7 +267,7 @@ def decoder(number: int, limits: Limits) -> Counts:
 def live(number: int, limits: Limits) -> Counts:
     """``number`` mutated frames through reader, intake and ``step``, between those of a vehicle that hovers."""
     rng, counts = random.Random(f"live {limits.seed}"), Counts()
-    config = PipelineConfig(default_vehicle(), models.load())
+    config = PipelineConfig(vehicle=default_vehicle(), model=models.load())
     reader, intake, state = FrameReader(), Intake(), initial_state(config)
     k = 0
     while counts.inputs < number:

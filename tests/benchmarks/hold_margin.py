@@ -207,7 +207,7 @@ def flown_with(gains: str) -> Iterator[None]:
 def fly(plant: Plant, seed: int) -> Flown:
     """One approach."""
     vehicle = replace(load_vehicle(QUAD), rangefinders=())
-    config = PipelineConfig(vehicle, empty_model(vehicle), offsets=False)
+    config = PipelineConfig(vehicle=vehicle, model=empty_model(vehicle), offsets=False)
     state, craft = initial_state(config), Craft(plant, seed)
     # Thrust over weight is proportional here: spin-min 0 and no expo say so to the thrust map.
     for name, value in (("GUID_OPTIONS", 8.0), ("MOT_SPIN_MIN", 0.0), ("MOT_THST_EXPO", 0.0)):

@@ -89,7 +89,7 @@ def main() -> None:
     p.add_argument("--json", type=Path, metavar="FILE")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    config = PipelineConfig(vehicle, models.load())
+    config = PipelineConfig(vehicle=vehicle, model=models.load())
     decoding: Times = defaultdict(list)
     stepping: Times = defaultdict(list)
     seconds = sum(one_round(a.log, config, a.asleep, decoding, stepping) for _ in range(a.rounds))

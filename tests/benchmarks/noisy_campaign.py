@@ -42,5 +42,10 @@ def noisy_campaign(
     ]
     table = np.concatenate(rows)
     return DataSet(
-        table[:, 0], table[:, 1], table[:, 2], table[:, 3:], source="campaign", sha256=""
+        h=table[:, 0],
+        d=table[:, 1],
+        rpm=table[:, 2],
+        wrench=table[:, 3:],
+        source="campaign",
+        sha256="",
     )

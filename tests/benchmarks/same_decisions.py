@@ -113,7 +113,7 @@ def flown(log: Path, way: str) -> list[list[float]]:
         Base.UPSTREAM if way == "upstream" else Base.HOLD,
         Adapt.FULL if way == "adapt" else Adapt.OFF,
     )
-    config = PipelineConfig(vehicle, model, base=base, adapt=adapt)
+    config = PipelineConfig(vehicle=vehicle, model=model, base=base, adapt=adapt)
     replay = Replay(config, None, {"GUID_OPTIONS": 8.0})
     if suffix_of(log) == ".tlog":
         decisions: Iterable[Decision] = replay.decisions(read_tlog(log).frames())

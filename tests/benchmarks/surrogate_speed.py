@@ -52,7 +52,9 @@ def paper_sized() -> train.Problem:
     h, d, rpm = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
     h, d, rpm = (np.append(a, [v] * 2) for a, v in ((h, np.inf), (d, np.inf), (rpm, 4000.0)))
     rpm[-1] = 4500.0
-    return train.frame(DataSet(h, d, rpm, fan.wrench(h, d, rpm), source="grid", sha256=""))
+    return train.frame(
+        DataSet(h=h, d=d, rpm=rpm, wrench=fan.wrench(h, d, rpm), source="grid", sha256="")
+    )
 
 
 def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> Array:

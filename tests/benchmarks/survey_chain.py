@@ -75,7 +75,9 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
 
     world = FaultyLockstep(flight, pilot)
     log = folder / "survey.tlog"
-    world.fly(PipelineConfig(vehicle, empty_model(vehicle), survey=read_box(box)), log)
+    world.fly(
+        PipelineConfig(vehicle=vehicle, model=empty_model(vehicle), survey=read_box(box)), log
+    )
     assert world.companion is not None
     judged = pilots[0].judgement
     end = {"seconds": flight.time_s, "contact_s": judged.contact_s, "lowest_m": judged.lowest_m}
@@ -86,7 +88,9 @@ def approach(vehicle: Vehicle, model: Any, seed: int, *, offsets: bool = True) -
     """The corner approach with a model."""
     flight = one_vehicle(vehicle, build("corner", vehicle), seed)
     return fly_judged(
-        flight, PipelineConfig(vehicle, model, offsets=offsets), Leg.ON if offsets else Leg.OFF
+        flight,
+        PipelineConfig(vehicle=vehicle, model=model, offsets=offsets),
+        Leg.ON if offsets else Leg.OFF,
     )
 
 

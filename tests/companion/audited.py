@@ -17,7 +17,7 @@ from companion.invariants import Audit, Auditor
 
 @cache
 def config(name: str = "tandem") -> PipelineConfig:
-    return PipelineConfig(vehicle(name), models.load())
+    return PipelineConfig(vehicle=vehicle(name), model=models.load())
 
 
 def fly_audited(

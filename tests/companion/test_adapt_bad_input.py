@@ -50,7 +50,7 @@ def flown(
     flight: SimulatedFlight, *changes: Change, vehicle: Vehicle = VEHICLE, **options: float
 ) -> Watch:
     model = TrueModel(VEHICLE, NOMINAL)
-    config = PipelineConfig(vehicle, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
+    config = PipelineConfig(vehicle=vehicle, model=model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     return fly(flight, config, END_S, *changes, **options)
 
 

@@ -19,7 +19,7 @@ from replay.cli import main as replay
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recorded flight into the ground effect, without adaptation."""
     path = tmp_path_factory.mktemp("log") / "low.tlog"
-    fly(low_hover(), PipelineConfig(VEHICLE, models.load()), 24.0, record=path)
+    fly(low_hover(), PipelineConfig(vehicle=VEHICLE, model=models.load()), 24.0, record=path)
     return path
 
 

@@ -46,7 +46,7 @@ END_S = 24.0
 def flown(kind: str, *, offsets: bool = True) -> Watch:
     true = TrueModel(VEHICLE, NOMINAL)
     model = true if kind == "right" else WarpedModel(true, gain=float(kind))
-    config = PipelineConfig(VEHICLE, model, adapt=Adapt.FULL, offsets=offsets)  # type: ignore[arg-type]
+    config = PipelineConfig(vehicle=VEHICLE, model=model, adapt=Adapt.FULL, offsets=offsets)  # type: ignore[arg-type]
     return fly(low_hover(), config, END_S)
 
 
@@ -115,7 +115,7 @@ def test_what_is_applied_does_not_change_what_is_measured():
 def test_only_the_three_gains_and_adopted_effects_change_an_offset():
     """Thrust scale, wind, centre of gravity and drag are told, not used: the integrators hold them already. What is
     estimated along with a channel is not either."""
-    config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
+    config = PipelineConfig(vehicle=VEHICLE, model=models.load(), adapt=Adapt.FULL)
     known = adapt.initial(config)
     assert known is not None
     assert channels(known.table) == (0, 1, 2)
@@ -163,7 +163,7 @@ def test_delayed_feed_forward_to_a_wall_stays_within_its_share_of_the_damping(sh
 @pytest.mark.slow
 def test_the_recording_replays_to_the_same_setpoints(tmp_path: Path):
     model = WarpedModel(TrueModel(VEHICLE, NOMINAL), gain=-1.0)
-    config = PipelineConfig(VEHICLE, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
+    config = PipelineConfig(vehicle=VEHICLE, model=model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     log = tmp_path / "a.tlog"
     watch = fly(low_hover(), config, 20.0, record=log)
     assert watch.seen[-1][1].shares[0] < 1.0
@@ -174,7 +174,7 @@ def test_the_recording_replays_to_the_same_setpoints(tmp_path: Path):
 
 def test_no_setpoint_waits_for_what_is_learned(tmp_path: Path):
     """``answer`` only gathers; what a full block teaches is worked out by ``settle``."""
-    config = PipelineConfig(VEHICLE, TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
+    config = PipelineConfig(vehicle=VEHICLE, model=TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
     log = tmp_path / "a.tlog"
     fly(low_hover(), config, 20.0, record=log)
     state, learned = initial_state(config), 0
@@ -201,7 +201,7 @@ def test_in_free_air_every_third_block_is_taken_in_and_low_every_one():
 @pytest.mark.slow
 def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
     """What surprises does not wait for its turn."""
-    config = PipelineConfig(VEHICLE, TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
+    config = PipelineConfig(vehicle=VEHICLE, model=TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
     at_s, kg = 20.0, 0.6
     flight = simulated(VEHICLE, build("hover", VEHICLE), 7, law=NOMINAL)
     watch = fly(flight, config, at_s + 4.0, payload(at_s, kg))
@@ -210,7 +210,7 @@ def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
 
 
 def test_off_measures_nothing():
-    config = PipelineConfig(VEHICLE, models.load())
+    config = PipelineConfig(vehicle=VEHICLE, model=models.load())
     assert initial_state(config).adaptation is None
 
 
@@ -225,7 +225,7 @@ def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
 @pytest.mark.slow
 def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
     decision = flown("1.6").decisions[-1]
-    config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
+    config = PipelineConfig(vehicle=VEHICLE, model=models.load(), adapt=Adapt.FULL)
     told = snapshot(decision, initial_state(config), config, StreamKeeper(()), 0.0)["sizes"]
     assert told["paused"] is None
     rows = {row[0]: row[1:] for row in told["rows"]}
@@ -240,7 +240,7 @@ def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
 @pytest.mark.slow
 def test_the_pilot_is_told_once_of_each_change():
     reporter = StatusReporter()
-    config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
+    config = PipelineConfig(vehicle=VEHICLE, model=models.load(), adapt=Adapt.FULL)
     told = []
     for decision in flown("-1.0").decisions:
         told += [text for _, text in reporter.messages(initial_state(config), decision) if text]

@@ -76,7 +76,7 @@ def moment() -> tuple[Parts, np.ndarray, np.ndarray, Block, Context]:
         blank_state((), 2, 4), h_m=h, d_m=d, rpm=np.repeat(rpm, 2), wall_bearing_rad=np.asarray(bearing),
         rotation=rotation, velocity_ned=velocity, servo_us=servo,
     )  # fmt: skip
-    return parts, rotation, velocity, block, Context(state, TANDEM, model)
+    return parts, rotation, velocity, block, Context(state=state, vehicle=TANDEM, model=model)
 
 
 def bearing_of(ctx: Context) -> float:

@@ -86,7 +86,7 @@ def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold
     soft = adopted_disturbance(model, state(near), VEHICLE, 0.5 * DAMPING_1_S)[2]
     firm = adopted_disturbance(model, state(near), VEHICLE, DAMPING_1_S)[2]
     assert soft == pytest.approx(0.5 * firm)
-    hold = PipelineConfig(VEHICLE, MODEL)
+    hold = PipelineConfig(vehicle=VEHICLE, model=MODEL)
     assert damping_1_s(initial_state(hold), hold) == FULL.velocity_1_s
     assert damping_1_s(initial_state(hold), replace(hold, base=Base.UPSTREAM)) < FULL.velocity_1_s
 

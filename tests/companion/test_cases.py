@@ -55,7 +55,7 @@ def test_without_its_watchdog_a_kill_at_the_wall_ends_at_the_wall():
         yield from firmware_cases.hold_then("kill", gap_m=0.15)(p)
 
     case = Case("kill", "", script, parameters={"GUID_TIMEOUT": 0.5}, wall_m=firmware_cases.WALL_M)
-    assert fly_case(case, v, PipelineConfig(v, empty_model(v))).judgement.wall_s > 1.0
+    assert fly_case(case, v, PipelineConfig(vehicle=v, model=empty_model(v))).judgement.wall_s > 1.0
 
 
 def test_a_script_that_is_never_judged_is_an_error():
@@ -68,4 +68,4 @@ def test_a_script_that_is_never_judged_is_an_error():
         yield 0.5
 
     with pytest.raises(LinkError, match="before anything was judged"):
-        fly_case(Case("none", "", script), v, PipelineConfig(v, empty_model(v)))
+        fly_case(Case("none", "", script), v, PipelineConfig(vehicle=v, model=empty_model(v)))

@@ -65,7 +65,12 @@ def heard(flight: Path) -> Listener:
 
 def checked(heard: Listener, **setup: Any) -> dict[str, Item]:
     """The items by name."""
-    return {i.name: i for i in items(heard, CheckSetup(OWN, "vehicle", **{"live": False, **setup}))}
+    return {
+        i.name: i
+        for i in items(
+            heard, CheckSetup(config=OWN, vehicle_file="vehicle", **{"live": False, **setup})
+        )
+    }
 
 
 def test_a_good_flight_passes_every_item(heard):
@@ -229,7 +234,7 @@ def test_poses_of_a_camera_are_named_where_they_are_not_flown_by(flight):
                     listener.hear(arrival_us, cut(bytes(message.pack(link)), 0))
         return [
             i
-            for i in items(listener, CheckSetup(OWN, "vehicle", live=False))
+            for i in items(listener, CheckSetup(config=OWN, vehicle_file="vehicle", live=False))
             if i.name == "position"
         ]
 

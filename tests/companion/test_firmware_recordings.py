@@ -25,7 +25,7 @@ def recording(shared_data: Path, name: str, *, begun: bool = False) -> list[Deci
     vehicle = log.parent / ("quad.toml" if log.parent.name == "px4" else "quad3.toml")
     if not log.exists():
         pytest.skip(f"no recording at {log}")
-    config = PipelineConfig(load_vehicle(vehicle), models.load())
+    config = PipelineConfig(vehicle=load_vehicle(vehicle), model=models.load())
     decisions = []
     for decision in Replay(config).decisions(read_tlog(log).frames()):
         decisions.append(decision)
@@ -39,7 +39,9 @@ def stepped(shared_data: Path, name: str):
     log = shared_data / "firmware" / f"{name}.tlog"
     if not log.exists():
         pytest.skip(f"no recording at {log}")
-    config = PipelineConfig(load_vehicle(next(log.parent.glob("quad*.toml"))), models.load())
+    config = PipelineConfig(
+        vehicle=load_vehicle(next(log.parent.glob("quad*.toml"))), model=models.load()
+    )
     replayed, state = Replay(config), initial_state(config)
     for sample in replayed._sampled(read_tlog(log).frames()):
         state, decision = step(state, sample, config)

@@ -64,10 +64,10 @@ def test_far_from_everything_is_free_air_and_nothing_jumps():
 
 
 def test_the_model_of_the_other_half_flies_there_unless_another_is_named():
-    settings = CompareSettings("corner_cfd")
+    settings = CompareSettings(scenario="corner_cfd")
     assert settings.choice.name == default_model("corner_cfd") == "corner_cfd_half"
-    assert CompareSettings("corner").choice.name == "shipped"
-    assert CompareSettings("corner_cfd", model="none").choice.name == "none"
+    assert CompareSettings(scenario="corner").choice.name == "shipped"
+    assert CompareSettings(scenario="corner_cfd", model="none").choice.name == "none"
     error = model_error(settings.choice.model, settings.flown_vehicle, law_of("corner_cfd", 1))
     assert max(error.lift, error.pull, error.tilt) < 0.25
     assert min(error.lift, error.pull, error.tilt) > 0.03

@@ -58,7 +58,7 @@ def short_flight(folder: Path, *, slow: bool = False, **pilot: object) -> Faulty
             return late(size)
 
         world.recv = recv  # type: ignore[method-assign]
-    world.fly(PipelineConfig(v, models.load()), folder / "flight.tlog")
+    world.fly(PipelineConfig(vehicle=v, model=models.load()), folder / "flight.tlog")
     return world
 
 
@@ -81,7 +81,7 @@ def test_the_recording_replays_to_the_same_decisions(tmp_path):
     short_flight(tmp_path)
     assert np.mean(read_truth(tmp_path / "truth.csv")["streamed"]) > 0.98
     sent, decided = sent_and_decided(
-        tmp_path / "flight.tlog", PipelineConfig(vehicle(), models.load())
+        tmp_path / "flight.tlog", PipelineConfig(vehicle=vehicle(), model=models.load())
     )
     assert len(sent) > 500
     # All but the last second: a recording does not say when the flight was told to stop.
@@ -158,7 +158,7 @@ def test_a_comparison_repeats_itself_and_does_not_depend_on_its_neighbours(monke
     monkeypatch.setattr(
         compare, "build", lambda *_a, **_k: dataclasses.replace(short, waypoints=waypoints)
     )
-    settings = CompareSettings("hover")
+    settings = CompareSettings(scenario="hover")
     first, again = (compare.run_compare([2], settings, legs=(Leg.ON,), workers=1) for _ in range(2))
     assert first[0].height.tolist() == again[0].height.tolist()
     assert first[0].lateral.tolist() == again[0].lateral.tolist()

@@ -30,7 +30,7 @@ def flown_ramp(
 ) -> list[tuple[float, float]]:
     """Seconds since the ramp's end, and how far past it the vehicle is [m]; ``slow``: a quadrotor whose loop is."""
     quad = load_vehicle(QUAD)
-    own = PipelineConfig(quad, empty_model(quad)) if slow else config()
+    own = PipelineConfig(vehicle=quad, model=empty_model(quad)) if slow else config()
     azimuth = wall_azimuth(own.vehicle)
     c, s = math.cos(azimuth), math.sin(azimuth)
     end = WALL_M - GAP_M

@@ -335,7 +335,9 @@ def corner_flights(tmp_path_factory):
 
     def fly(vehicle, record=None):
         flight = SimulatedFlight(vehicle, build("corner", vehicle), 1)
-        return fly_judged(flight, PipelineConfig(vehicle, model), Leg.ON, record=record)
+        return fly_judged(
+            flight, PipelineConfig(vehicle=vehicle, model=model), Leg.ON, record=record
+        )
 
     return fly(VEHICLE), fly(RINGED, log), log, model
 
@@ -356,7 +358,7 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
     sent = [
         f.payload for f in heard if f.component == OWN_COMPONENT and f.id == SET_ATTITUDE_TARGET
     ]
-    replay = Replay(PipelineConfig(RINGED, model))
+    replay = Replay(PipelineConfig(vehicle=RINGED, model=model))
     decided = {encode(d.command, 1)[1] for d in replay.decisions(frames) if d.command is not None}
     assert replay.samples["Ring"] > 500
     assert len(sent) > 1000
@@ -369,12 +371,16 @@ def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
     listener = Listener(replace(CONFIG, vehicle=VEHICLE))
     listener.samples[Ring] = [ring_of(8, [(0.0, 1.0)])]
     (item,) = [
-        i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"
+        i
+        for i in _ranges(listener, CheckSetup(config=listener.config, vehicle_file="x.toml"))
+        if i.name == "ring"
     ]
     assert item.verdict is Verdict.WARN
     assert "ring = 8" in (item.do or "")
     listener = Listener(replace(CONFIG, vehicle=RINGED))
     (item,) = [
-        i for i in _ranges(listener, CheckSetup(listener.config, "x.toml")) if i.name == "ring"
+        i
+        for i in _ranges(listener, CheckSetup(config=listener.config, vehicle_file="x.toml"))
+        if i.name == "ring"
     ]
     assert item.verdict is Verdict.FAIL

@@ -38,7 +38,15 @@ def leg(
     error = 0.01 * TRAJECTORY + 0.02 * air * AIR
     both = np.column_stack([error, np.zeros_like(error)])
     return Flown(
-        which, seed, TIME, error, both, np.radians(100.0) * both, touched, PHASE, approach_s
+        leg=which,
+        seed=seed,
+        time_s=TIME,
+        height=error,
+        lateral=both,
+        tilt=np.radians(100.0) * both,
+        touched_s=touched,
+        phase=PHASE,
+        approach_s=approach_s,
     )
 
 

@@ -32,7 +32,14 @@ def fly(box: SurveyBox, *, start: np.ndarray = START, until_s: float = 600.0, sp
     survey, rows, place = Survey(), [], start.copy()
     for k in range(int(until_s / 0.02)):
         t = 0.02 * k
-        seen = Whereabouts(t, True, place, -float(place[2]), WALL_EAST_M - float(place[1]), EAST)
+        seen = Whereabouts(
+            t_s=t,
+            engaged=True,
+            position=place,
+            height_m=-float(place[2]),
+            wall_m=WALL_EAST_M - float(place[1]),
+            towards=EAST,
+        )
         if spoil is not None:
             seen = spoil(seen)
         survey, wanted = advance(survey, box, seen)
@@ -112,14 +119,27 @@ def test_without_a_wall_only_the_height_changes():
 
 def test_it_waits_until_the_hold_has_flown_for_a_while_and_until_ground_and_wall_are_seen():
     survey = Survey()
-    unseen = Whereabouts(0.0, True, START, 1.1, math.inf, None)
+    unseen = Whereabouts(
+        t_s=0.0, engaged=True, position=START, height_m=1.1, wall_m=math.inf, towards=None
+    )
     for k in range(500):
         survey, wanted = advance(survey, BOX, dataclasses.replace(unseen, t_s=0.02 * k))
         assert wanted is None
     assert survey.phase is Phase.WAITING
     assert "wall is not seen" in survey.why
     for k in range(500, 700):
-        survey, wanted = advance(survey, BOX, Whereabouts(0.02 * k, k > 600, START, 1.1, 1.6, EAST))
+        survey, wanted = advance(
+            survey,
+            BOX,
+            Whereabouts(
+                t_s=0.02 * k,
+                engaged=k > 600,
+                position=START,
+                height_m=1.1,
+                wall_m=1.6,
+                towards=EAST,
+            ),
+        )
         assert wanted is None or k > 600
     assert survey.phase is Phase.WAITING
 
@@ -157,7 +177,11 @@ def test_a_hold_that_lets_go_ends_it_for_good():
     survey, rows = fly(BOX, spoil=lambda s: dataclasses.replace(s, engaged=not 30.0 < s.t_s < 31.0))
     assert survey.phase is Phase.ABORTED
     assert rows[-1][0] < 30.1
-    assert advance(survey, BOX, Whereabouts(99.0, True, START, 1.1, 1.6, EAST)) == (survey, None)
+    assert advance(
+        survey,
+        BOX,
+        Whereabouts(t_s=99.0, engaged=True, position=START, height_m=1.1, wall_m=1.6, towards=EAST),
+    ) == (survey, None)
 
 
 @given(
@@ -202,7 +226,7 @@ def interrupted(p: CasePilot):
 
 def flown(tmp_path, script, box: SurveyBox):
     v = vehicle("quad")
-    config = dataclasses.replace(PipelineConfig(v, empty_model(v)), survey=box)
+    config = dataclasses.replace(PipelineConfig(vehicle=v, model=empty_model(v)), survey=box)
     log, truth = tmp_path / "survey.tlog", tmp_path / "truth.csv"
     case = Case("survey", "a survey", script, wall_m=1.2)
     return fly_case(case, v, config, truth=truth, record=log), config, log

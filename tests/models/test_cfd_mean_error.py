@@ -38,7 +38,7 @@ def case(
         seconds=1.0,
         start="rest",
     )
-    return Row(Position(h, d, rpm, swirl=True, level=0.75), replace(result, **more))
+    return Row(Position(h=h, d=d, rpm=rpm, swirl=True, level=0.75), replace(result, **more))
 
 
 def marched(h: float, d: float, mean: tuple[float, ...], iterated: tuple[float, ...]) -> Row:

@@ -17,13 +17,13 @@ INF = math.inf
 SETUP = config.load()
 R = SETUP.fan.radius_m
 POSITIONS = [
-    Position(INF, INF, 4000.0),
-    Position(1.0, 0.15, 4000.0),
-    Position(2.0, INF, 4000.0),
-    Position(INF, 5.0, 4000.0),
-    Position(5.0, 0.75, 4000.0, level=1.3),
-    Position(1.5, 0.3, 4000.0, swirl=True),
-    Position(INF, 2.75, 4000.0, swirl=True),
+    Position(h=INF, d=INF, rpm=4000.0),
+    Position(h=1.0, d=0.15, rpm=4000.0),
+    Position(h=2.0, d=INF, rpm=4000.0),
+    Position(h=INF, d=5.0, rpm=4000.0),
+    Position(h=5.0, d=0.75, rpm=4000.0, level=1.3),
+    Position(h=1.5, d=0.3, rpm=4000.0, swirl=True),
+    Position(h=INF, d=2.75, rpm=4000.0, swirl=True),
 ]
 
 
@@ -91,7 +91,7 @@ def test_every_face_belongs_to_two_blocks_or_one_patch(position):
 
 def test_a_finer_level_has_more_cells_but_discs_of_three_layers():
     def cells(level):
-        _, blocks, _ = parsed(Position(2.0, 1.0, 4000.0, level=level))
+        _, blocks, _ = parsed(Position(h=2.0, d=1.0, rpm=4000.0, level=level))
         return sum(math.prod(n) for _, _, n in blocks), {n[2] for _, zone, n in blocks if zone}
 
     coarse, usual, fine = cells(0.75), cells(1.0), cells(1.3)

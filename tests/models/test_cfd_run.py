@@ -21,7 +21,7 @@ from models.common.progress import Bars
 
 INF = math.inf
 SETUP = config.load()
-FREE = Position(INF, INF, 4000.0)
+FREE = Position(h=INF, d=INF, rpm=4000.0)
 
 
 def section(angle_deg, reynolds):
@@ -113,7 +113,7 @@ def test_a_diverged_case_is_marked_with_the_solvers_words(tmp_path, solver):
 
 def test_a_killed_case_stops_no_other_and_goes_on_in_the_next_run(tmp_path, solver):
     solver("killed")
-    positions = [FREE, Position(INF, 1.0, 4000.0), Position(2.0, INF, 4000.0)]
+    positions = [FREE, Position(h=INF, d=1.0, rpm=4000.0), Position(h=2.0, d=INF, rpm=4000.0)]
     campaign.run(tmp_path, SETUP, section, positions, jobs=2)
     assert campaign.rows(tmp_path, positions) == []
     campaign.run(tmp_path, SETUP, section, positions, jobs=2)
@@ -122,7 +122,7 @@ def test_a_killed_case_stops_no_other_and_goes_on_in_the_next_run(tmp_path, solv
 
 
 def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
-    positions = [FREE, Position(INF, 1.0, 4000.0), Position(INF, 1.0, 2800.0)]
+    positions = [FREE, Position(h=INF, d=1.0, rpm=4000.0), Position(h=INF, d=1.0, rpm=2800.0)]
     campaign.run(tmp_path, SETUP, section, positions[:2])
     seen: list[tuple[str, int, int]] = []
     campaign.run(tmp_path, SETUP, section, positions, progress=lambda *a: seen.append(a))
@@ -140,7 +140,7 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
 def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
     solver("drift")
     with_limit = {n: replace(SETUP, solver=replace(SETUP.solver, limit=n)) for n in (192, 480)}
-    places = [FREE, Position(INF, 1.0, 4000.0)]
+    places = [FREE, Position(h=INF, d=1.0, rpm=4000.0)]
     campaign.run(tmp_path, with_limit[192], section, places)
     _, short = campaign.rows(tmp_path, places)
     campaign.run(tmp_path, with_limit[480], section, places)
@@ -155,8 +155,8 @@ def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
 
 def test_a_diverged_case_does_not_stop_the_campaign_nor_start_another(tmp_path, solver):
     solver("diverge")
-    campaign.run(tmp_path, SETUP, section, [FREE, Position(INF, 1.0, 4000.0)])
-    rows = campaign.rows(tmp_path, [FREE, Position(INF, 1.0, 4000.0)])
+    campaign.run(tmp_path, SETUP, section, [FREE, Position(h=INF, d=1.0, rpm=4000.0)])
+    rows = campaign.rows(tmp_path, [FREE, Position(h=INF, d=1.0, rpm=4000.0)])
     assert [(r.result.status, r.result.start) for r in rows] == [("diverged", "rest")] * 2
 
 
@@ -249,11 +249,11 @@ def test_a_wrong_fan_file_is_refused_before_any_work(tmp_path, capsys, old, new,
 
 
 def test_the_wall_cannot_be_touched():
-    check(SETUP, Position(1.0, 0.15, 4000.0))
+    check(SETUP, Position(h=1.0, d=0.15, rpm=4000.0))
     for position in (
-        Position(0.6, INF, 4000.0),
-        Position(2.0, -0.1, 4000.0),
-        Position(2.0, 0.0, 4000.0),
+        Position(h=0.6, d=INF, rpm=4000.0),
+        Position(h=2.0, d=-0.1, rpm=4000.0),
+        Position(h=2.0, d=0.0, rpm=4000.0),
     ):
         with pytest.raises(ConfigError):
             check(SETUP, position)
@@ -311,6 +311,17 @@ def test_second_starts_of_full_models_come_last_and_start_without_ground():
     assert plan[:-1] == campaign.plan(SETUP, "full")
     again = plan[-1]
     assert (again.place, again.approach, again.swirl) == ((1.25, 0.5), "far", True)
-    result = Result((0,) * 6, (0,) * 6, (0,) * 6, (0, 0, 0), "steady", 1, 96, 0, 1.0, "rest")
+    result = Result(
+        wrench=(0,) * 6,
+        swing=(0,) * 6,
+        drift=(0,) * 6,
+        parts=(0, 0, 0),
+        status="steady",
+        cells=1,
+        iterations=96,
+        steps=0,
+        seconds=1.0,
+        start="rest",
+    )
     finished = [Row(p, result) for p in plan[:-1]]
     assert campaign.start_for(again, finished).place == (INF, 0.5)

@@ -110,7 +110,7 @@ def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(made):
     filled = at(made, 1.25, 0.5, 5200.0)
     assert made.marks[filled].made == "law"
     assert made.table[filled, 3:] == pytest.approx(
-        wrench(Position(1.25, 0.5, 5200.0)) * [1, 0, 1, 0, 1, 0]
+        wrench(Position(h=1.25, d=0.5, rpm=5200.0)) * [1, 0, 1, 0, 1, 0]
         + made.table[filled, 3:] * [0, 1, 0, 1, 0, 1],
         abs=1e-3,
     )
@@ -139,7 +139,7 @@ def test_the_set_is_read_by_the_trainer_and_the_marks_lie_beside_it(tmp_path, ma
 
 
 def test_without_a_wall_the_label_is_the_mean_of_two_mirrored_states():
-    position = Position(1.0, INF, 4000.0)
+    position = Position(h=1.0, d=INF, rpm=4000.0)
     tilted = np.array([1.1, 0.0, 30.0, 0.0, -0.07, 0.0])
     label = labels([row(position, wrench=tuple(tilted))], 4000.0)[position.place]
     assert label.wrench == pytest.approx([0, 0, 30, 0, 0, 0])
@@ -147,7 +147,7 @@ def test_without_a_wall_the_label_is_the_mean_of_two_mirrored_states():
 
 
 def test_two_states_give_their_mean_and_half_their_difference():
-    near = Position(1.0, 0.5, 4000.0)
+    near = Position(h=1.0, d=0.5, rpm=4000.0)
     low, high = np.array([-0.3, 0, 31.0, 0, 0.2, 0]), np.array([1.1, 0, 30.0, 0, 0.1, 0])
     other = replace(near, approach="wall")
     label = labels([row(near, wrench=tuple(low)), row(other, wrench=tuple(high))], 4000.0)[
@@ -159,7 +159,7 @@ def test_two_states_give_their_mean_and_half_their_difference():
 
 
 def test_a_case_that_still_moves_is_marked_and_a_diverged_one_left_out(rows):
-    moving, gone = Position(3.0, 1.0, 4000.0), Position(4.0, 0.5, 4000.0)
+    moving, gone = Position(h=3.0, d=1.0, rpm=4000.0), Position(h=4.0, d=0.5, rpm=4000.0)
     changed = [
         row(moving, "cycling", swing=(0.4, 0, 0.9, 0, 0.05, 0))
         if r.position == moving
@@ -195,7 +195,7 @@ def test_the_error_of_the_mean_covers_it_for_correlated_samples():
 
 
 def test_sigma_is_the_error_of_the_mean_and_amplitude_the_swing(rows, made):
-    place = Position(1.75, 1.0, 4000.0)
+    place = Position(h=1.75, d=1.0, rpm=4000.0)
     swing = {"swing": (0.2, 0, 0.9, 0, 0.02, 0), "error": (0.02, 0, 0.05, 0, 0.002, 0)}
     changed = [row(place, "averaged", **swing) if r.position == place else r for r in rows]
     swung = assemble(changed, SETUP)
@@ -228,12 +228,12 @@ def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out
     assert rms(made.correction.missed) < 0.2 * rms(made.correction.change)
     here = at(made, 1.75, 1.0, 4000.0)
     assert made.marks[here].made == "corrected"
-    truth = wrench(Position(1.75, 1.0, 4000.0))[2] + added(1.75, 1.0)[2]
+    truth = wrench(Position(h=1.75, d=1.0, rpm=4000.0))[2] + added(1.75, 1.0)[2]
     assert made.table[here, 5] == pytest.approx(truth, abs=0.1)
     solved = at(made, 1.5, 0.3, 4000.0)
     assert made.marks[solved].made == "solved"
     assert made.table[solved, 5] == pytest.approx(
-        wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2], abs=0.02
+        wrench(Position(h=1.5, d=0.3, rpm=4000.0))[2] + added(1.5, 0.3)[2], abs=0.02
     )
     # A row that nobody solved in full is less sure by what full models left out show.
     assert made.marks[here].sigma[2] > made.marks[solved].sigma[2]
@@ -241,7 +241,7 @@ def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out
 
 @pytest.mark.slow
 def test_a_full_model_that_swings_is_weighted_with_what_the_other_places_give(rows):
-    swinging = Position(1.5, 0.3, 4000.0, swirl=True, level=SETUP.campaign.full_level)
+    swinging = Position(h=1.5, d=0.3, rpm=4000.0, swirl=True, level=SETUP.campaign.full_level)
     lift = -2.0
 
     def changed(off: float, error: float) -> list[Row]:
@@ -265,7 +265,7 @@ def test_a_full_model_that_swings_is_weighted_with_what_the_other_places_give(ro
     def got(off: float, error: float) -> tuple[float, float]:
         made = assemble(changed(off, error), SETUP)
         here = at(made, 1.5, 0.3, 4000.0)
-        truth = wrench(Position(1.5, 0.3, 4000.0))[2] + lift
+        truth = wrench(Position(h=1.5, d=0.3, rpm=4000.0))[2] + lift
         return made.table[here, 5] - truth, made.marks[here].sigma[2]
 
     sure, doubtful = got(0.8, 0.01), got(0.8, 3.0)
@@ -295,7 +295,9 @@ def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_
     assert made.table[at(made, 2.0, 1.0, 4000.0), 4] == pytest.approx(0.05)
     with_ground = at(made, 1.75, 1.0, 4000.0)
     assert made.marks[with_ground].sigma[2] > 0.3
-    assert made.table[with_ground, 5] == pytest.approx(wrench(Position(1.75, 1.0, 4000.0))[2])
+    assert made.table[with_ground, 5] == pytest.approx(
+        wrench(Position(h=1.75, d=1.0, rpm=4000.0))[2]
+    )
 
 
 @pytest.mark.slow
@@ -317,7 +319,7 @@ def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_
     assert not made.correction.learnt[0]
     solved = at(made, 1.5, 0.3, 4000.0)
     assert made.marks[solved].made == "solved"
-    truth = wrench(Position(1.5, 0.3, 4000.0))
+    truth = wrench(Position(h=1.5, d=0.3, rpm=4000.0))
     assert made.table[solved, 3] == pytest.approx(truth[0], abs=1e-6)
     assert made.table[solved, 5] == pytest.approx(truth[2] - 6 * near((1.5, 0.3))[0] ** 2, abs=0.05)
     assert made.marks[solved].sigma[0] > 0.3
@@ -337,7 +339,7 @@ def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(made):
 def test_the_mesh_error_is_that_of_what_a_place_adds(rows):
     # A mesh that changes the lift alike everywhere changes no increment.
     assert mesh_error(rows, SETUP) == pytest.approx(np.zeros(6), abs=1e-9)
-    place = Position(2.0, 0.5, 4000.0, level=1.3)
+    place = Position(h=2.0, d=0.5, rpm=4000.0, level=1.3)
     changed = [
         row(place, wrench=tuple(np.add(wrench(place), [0, 0, 0.4, 0, 0, 0])))
         if r.position == place
@@ -352,7 +354,10 @@ def test_the_table_comes_back_as_it_was_written(tmp_path, rows):
     odd = [
         *rows[:5],
         row(
-            Position(1.0, 0.5, 4000.0), "diverged", wrench=(math.nan,) * 6, note="blew up, at once"
+            Position(h=1.0, d=0.5, rpm=4000.0),
+            "diverged",
+            wrench=(math.nan,) * 6,
+            note="blew up, at once",
         ),
     ]
     table.write(tmp_path / "cases.csv", odd)
@@ -417,7 +422,9 @@ def test_the_check_judges_the_set_not_the_half_models_alone(rows):
     assert checked.ratio(1.0) == pytest.approx(
         half - 3.0 * near((1.0, INF))[0] ** 2 / 22.6, abs=0.005
     )
-    truth = (wrench(Position(1.25, INF, 4000.0))[2] - 3.0 * near((1.25, INF))[0] ** 2) / 22.6
+    truth = (
+        wrench(Position(h=1.25, d=INF, rpm=4000.0))[2] - 3.0 * near((1.25, INF))[0] ** 2
+    ) / 22.6
     assert checked.ratio(1.25) == pytest.approx(truth, abs=0.01)
 
 

@@ -75,7 +75,7 @@ def flight(n: int = 200) -> AirState:
 @pytest.fixture(scope="module")
 def ctx() -> Context:
     """That record with the shipped model."""
-    return Context(flight(), default_vehicle(), models.load())
+    return Context(state=flight(), vehicle=default_vehicle(), model=models.load())
 
 
 def fz(name: str, ctx: Context, **parameters: float) -> float:
@@ -119,7 +119,7 @@ def test_one_instant_gives_what_the_record_gives_there(name: str, ctx: Context) 
     shape = next(iter(effect.shape_grid(ctx)))
     parameters = effect.parameters(np.full(len(effect.coefficients), 0.5), shape)
     whole = effect.wrench(ctx, parameters)
-    now = Context(ctx.state.take(7), ctx.vehicle, ctx.model)
+    now = Context(state=ctx.state.take(7), vehicle=ctx.vehicle, model=ctx.model)
     assert effect.wrench(now, parameters) == pytest.approx(whole[7], abs=1e-9)
 
 
@@ -142,7 +142,7 @@ def test_signs(ctx: Context) -> None:
 def test_a_weak_fan_also_turns_the_body_less() -> None:
     vehicle = load_vehicle(Path(vehicles.__file__).with_name("quad.toml"))
     state = replace(blank_state((), 4, 4), rpm=np.full(4, 5000.0))
-    weak = Context(state, vehicle)
+    weak = Context(state=state, vehicle=vehicle)
     clockwise = [fan.rotors[0].spin > 0 for fan in vehicle.fans].index(True)
     lost = get("fan_imbalance").wrench(
         weak, {"scale": -0.1, "torque": -0.1, "fan": clockwise + 1.0}
@@ -157,13 +157,17 @@ def test_a_bumper_pushes_back_harder_while_it_closes(ctx: Context) -> None:
     )
     touch = AdoptedEffect("contact", {"stiffness": 100.0, "damping": 10.0, "reach_m": 0.07})
     level = replace(near, rates=np.zeros((len(near), 3)))
-    force = adopted_wrench([touch], Context(level, ctx.vehicle, ctx.model))[:, 0]
+    force = adopted_wrench([touch], Context(state=level, vehicle=ctx.vehicle, model=ctx.model))[
+        :, 0
+    ]
     fans = len(ctx.vehicle.fans)
     assert force == pytest.approx(
-        -fans * (2.0 + 10.0 * Context(level, ctx.vehicle).velocity[:, 0]), abs=1e-9
+        -fans * (2.0 + 10.0 * Context(state=level, vehicle=ctx.vehicle).velocity[:, 0]), abs=1e-9
     )
     away = replace(level, d_m=np.full_like(level.d_m, 0.08))
-    assert not adopted_wrench([touch], Context(away, ctx.vehicle, ctx.model)).any()
+    assert not adopted_wrench(
+        [touch], Context(state=away, vehicle=ctx.vehicle, model=ctx.model)
+    ).any()
 
 
 def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
@@ -173,7 +177,7 @@ def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
     )
     state = replace(ctx.state.take(0), rotation=tilted)
     load = AdoptedEffect("slung_load", {"swinging": 0.0, "mass": 0.2, "hook": 0.02, "rope_m": 0.5})
-    wrench = adopted_wrench([load], Context(state, ctx.vehicle, ctx.model))
+    wrench = adopted_wrench([load], Context(state=state, vehicle=ctx.vehicle, model=ctx.model))
     pull = float(np.linalg.norm(wrench[:3]))
     assert wrench[:3] == pytest.approx(pull * tilted[2])  # along down, not along the body
     assert wrench[3] == pytest.approx(-0.1 * wrench[1])  # 0.1 m below the CG: it rights the body
@@ -217,9 +221,9 @@ def test_drag_areas_are_measured_in_discs(ctx: Context) -> None:
 
 def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
     dark = Context(
-        replace(ctx.state, ceiling_m=np.full_like(ctx.state.ceiling_m, np.nan)),
-        ctx.vehicle,
-        ctx.model,
+        state=replace(ctx.state, ceiling_m=np.full_like(ctx.state.ceiling_m, np.nan)),
+        vehicle=ctx.vehicle,
+        model=ctx.model,
     )
     assert fz("ceiling", dark, gain=1.0, scale=1.0) == 0.0
 
@@ -240,7 +244,13 @@ def test_a_model_directory_may_lack_an_optional_parameter() -> None:
 
 def test_a_load_is_what_a_vehicle_can_lift_and_what_can_be_missing(ctx: Context) -> None:
     outputs = replace(
-        ctx, vehicle=replace(ctx.vehicle, throttle=Throttle(40.0, 0.6, 1000.0, 2000.0, 16.0))
+        ctx,
+        vehicle=replace(
+            ctx.vehicle,
+            throttle=Throttle(
+                max_thrust_n=40.0, expo=0.6, pwm_min_us=1000.0, pwm_max_us=2000.0, voltage_v=16.0
+            ),
+        ),
     )
     (mass,) = get("payload").coefficients
     kg = ctx.vehicle.mass_kg
@@ -270,7 +280,13 @@ def test_thrust_that_only_answers_disturbances_shows_no_current(ctx: Context) ->
     """A loop that answers a loss of lift by more thrust looks like thrust that falls with the current."""
     (ohmic,) = (c for c in get("battery_sag").coefficients if c.name == "ohmic")
     outputs = replace(
-        ctx, vehicle=replace(ctx.vehicle, throttle=Throttle(40.0, 0.6, 1000.0, 2000.0, 16.0))
+        ctx,
+        vehicle=replace(
+            ctx.vehicle,
+            throttle=Throttle(
+                max_thrust_n=40.0, expo=0.6, pwm_min_us=1000.0, pwm_max_us=2000.0, voltage_v=16.0
+            ),
+        ),
     )
     assert ohmic.spread(outputs) == 0.1
     assert ohmic.spread(replace(outputs, commanded=0.0)) < 0.01
@@ -280,9 +296,13 @@ def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:
     servo = np.full_like(ctx.state.servo_us, 1500.0)
     vane = ctx.vehicle.vanes[0]
     servo[..., vane.servo - 1] = 1700.0
-    deflected = Context(replace(ctx.state, servo_us=servo), ctx.vehicle, ctx.model)
+    deflected = Context(
+        state=replace(ctx.state, servo_us=servo), vehicle=ctx.vehicle, model=ctx.model
+    )
     neutral = Context(
-        replace(ctx.state, servo_us=np.full_like(servo, 1500.0)), ctx.vehicle, ctx.model
+        state=replace(ctx.state, servo_us=np.full_like(servo, 1500.0)),
+        vehicle=ctx.vehicle,
+        model=ctx.model,
     )
     weak = {"scale": -0.1, "torque": 0.0, "fan": float(vane.fan)}
     change = get("fan_imbalance").wrench(deflected, weak) - get("fan_imbalance").wrench(
@@ -303,9 +323,9 @@ def test_scales_of_thrust_in_a_record_do_not_follow_the_difference_between_fans(
 ) -> None:
     nodding = ctx.state.rpm.copy()
     nodding[:, : nodding.shape[1] // 2] *= 1.0 + 0.02 * np.sin(np.arange(len(nodding)))[:, None]
-    record = Context(replace(ctx.state, rpm=nodding), ctx.vehicle, ctx.model)
+    record = Context(state=replace(ctx.state, rpm=nodding), vehicle=ctx.vehicle, model=ctx.model)
     assert record.shared_thrust.sum(axis=1) == pytest.approx(record.thrust.sum(axis=1))
     share = record.shared_thrust / record.shared_thrust.sum(axis=1, keepdims=True)
     assert np.ptp(share, axis=0).max() < 1e-12
-    instant = Context(record.state.take(3), ctx.vehicle, ctx.model)
+    instant = Context(state=record.state.take(3), vehicle=ctx.vehicle, model=ctx.model)
     assert instant.shared_thrust == pytest.approx(instant.thrust)

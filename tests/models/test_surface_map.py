@@ -86,7 +86,8 @@ def test_the_columns_that_diagnosis_fits_are_what_the_amended_model_answers() ->
     parameters = {c.name: float(v) for c, v in zip(effect.coefficients, values, strict=True)}
     amended = bare.with_effects((AdoptedEffect("surface_law", parameters),), bare.info)
     fitted = effect.wrench(
-        Context(state, vehicle, bare), parameters | {s.name: 1.0 for s in effect.shapes}
+        Context(state=state, vehicle=vehicle, model=bare),
+        parameters | {s.name: 1.0 for s in effect.shapes},
     )
     fans = [amended.wrench(state.h_m[:, i], state.d_m[:, i], 4000.0) for i in range(2)]
     alone = [bare.wrench(state.h_m[:, i], state.d_m[:, i], 4000.0) for i in range(2)]

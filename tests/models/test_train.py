@@ -179,7 +179,9 @@ def test_a_million_rows_train_on_those_that_are_drawn() -> None:
     n = 1_000_000
     h, d, rpm = rng.uniform(0.06, 0.9, n), rng.uniform(0.02, 0.8, n), rng.uniform(2500, 5500, n)
     h[:1000] = d[:1000] = INF
-    data = DataSet(h, d, rpm, ClosedForm().wrench(h, d, rpm), source="million", sha256="")
+    data = DataSet(
+        h=h, d=d, rpm=rpm, wrench=ClosedForm().wrench(h, d, rpm), source="million", sha256=""
+    )
     trained = train.train(data, "polynomial", 0)
     assert trained.report["rows"] == n
     assert any("drawn at random" in note for note in trained.report["notes"])

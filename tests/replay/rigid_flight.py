@@ -100,14 +100,35 @@ def logged(
         0.05, 40.0, 0.01, 0.0,
     )  # fmt: skip
     return FlightLog(
-        path=path, system=1, boot=0, start_s=float(t[0]), end_s=float(t[-1]), vehicle_type=2, autopilot=3,
-        attitude=Series(t, attitude), rates=Series(t, gyro), position=Series(t, motion.position),
+        path=path,
+        system=1,
+        boot=0,
+        start_s=float(t[0]),
+        end_s=float(t[-1]),
+        vehicle_type=2,
+        autopilot=3,
+        attitude=Series(t, attitude),
+        rates=Series(t, gyro),
+        position=Series(t, motion.position),
         velocity=Series(t, velocity),
-        imus=(ImuRecord("HIGHRES_IMU", Series(t, force), Series(t, gyro), 0.0, 0),), beams=(beam,),
-        escs={(r.esc or k + 1): EscRecord(Series(t[every], speed[:, k : k + 1])) for k, r in enumerate(vehicle.rotors)}
-        if vehicle.telemetered else {},
+        imus=(
+            ImuRecord(
+                source="HIGHRES_IMU",
+                specific_force=Series(t, force),
+                gyro=Series(t, gyro),
+                force_step=0.0,
+                clipped=0,
+            ),
+        ),
+        beams=(beam,),
+        escs={
+            (r.esc or k + 1): EscRecord(Series(t[every], speed[:, k : k + 1]))
+            for k, r in enumerate(vehicle.rotors)
+        }
+        if vehicle.telemetered
+        else {},
         servo=Series(t[every], servo) if outputs else None,
-    )  # fmt: skip
+    )
 
 
 def with_speed(log: FlightLog, esc: int, rpm: Array) -> FlightLog:

@@ -25,11 +25,11 @@ def log_of(name: str, autopilot: int = 3, **more) -> FlightLog:
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1))
     attitude = Series(T, upright)
     return FlightLog(
-        Path(name),
-        1,
-        0,
-        0.0,
-        40.0,
+        path=Path(name),
+        system=1,
+        boot=0,
+        start_s=0.0,
+        end_s=40.0,
         autopilot=autopilot,
         vehicle_type=2,
         **({"attitude": attitude} | more),

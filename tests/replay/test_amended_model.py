@@ -87,25 +87,38 @@ def test_every_effect_says_what_is_kept_of_it() -> None:
 
 def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_before() -> None:
     vehicle = default_vehicle()
-    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
-    known = (IntervalEstimate("scale", 0.1, (0.1 - half, 0.1 + half), "1") for half in (0.004, 0.2))
+    context = Context(
+        state=blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle=vehicle
+    )
+    known = (
+        IntervalEstimate(name="scale", value=0.1, ci95=(0.1 - half, 0.1 + half), unit="1")
+        for half in (0.004, 0.2)
+    )
     well, badly = (to_adopt(get("thrust_scale"), [scale], context).parameters for scale in known)
     assert well["scale"] == pytest.approx(0.1, rel=0.01)
     assert 0.0 < badly["scale"] < 0.06
-    bias = [IntervalEstimate(n, 0.2, (-0.3, 0.7), "1") for n in ("x", "y", "z", "pitch", "roll")]
+    bias = [
+        IntervalEstimate(name=n, value=0.2, ci95=(-0.3, 0.7), unit="1")
+        for n in ("x", "y", "z", "pitch", "roll")
+    ]
     assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
 
 
 def test_drag_that_was_found_in_a_strong_wind_is_adopted_by_half() -> None:
     vehicle = default_vehicle()
-    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
-    found = [IntervalEstimate(name, value, (value, value), "1") for name, value in WIND.items()]
+    context = Context(
+        state=blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle=vehicle
+    )
+    found = [
+        IntervalEstimate(name=name, value=value, ci95=(value, value), unit="1")
+        for name, value in WIND.items()
+    ]
     one, two = (
         to_adopt(get("wind"), found, context, doubt=doubt).parameters for doubt in (0.5, 0.0)
     )
     assert two["own_motion"] == pytest.approx(0.4)
     assert one["own_motion"] == pytest.approx(0.2)
-    scale = [IntervalEstimate("scale", 0.1, (0.1, 0.1), "1")]
+    scale = [IntervalEstimate(name="scale", value=0.1, ci95=(0.1, 0.1), unit="1")]
     assert to_adopt(get("thrust_scale"), scale, context, doubt=0.5).parameters[
         "scale"
     ] == pytest.approx(0.1)

@@ -71,7 +71,9 @@ def test_the_map_takes_back_what_a_wrong_model_says(world: World) -> None:
                 level, rpm=np.full(4, 4000.0), h_m=np.full(2, h_m), servo_us=np.full(16, 1500.0)
             )
             named = adopted_wrench(
-                model.effects, Context(state, world.vehicle, model), in_flight=True
+                model.effects,
+                Context(state=state, vehicle=world.vehicle, model=model),
+                in_flight=True,
             )
             down.append((modelled_wrench(world.vehicle, model, state) + named)[2])
         return float(down[0] / down[1] - 1.0)

@@ -425,7 +425,13 @@ def test_outputs_that_are_not_sent_warn_of_nothing(recwarn):
         replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in quad.fans
     )
     ctx = SimpleNamespace(
-        vehicle=replace(quad, fans=by_servo, throttle=Throttle(10.0, 1.0, 1000.0, 2000.0, 16.0))
+        vehicle=replace(
+            quad,
+            fans=by_servo,
+            throttle=Throttle(
+                max_thrust_n=10.0, expo=1.0, pwm_min_us=1000.0, pwm_max_us=2000.0, voltage_v=16.0
+            ),
+        )
     )
     assert copies(log, ctx, SimpleNamespace(), np.ones(50, bool)) == []
     assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]

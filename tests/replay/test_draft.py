@@ -146,7 +146,9 @@ def flown(path="a.BIN", *, outputs=4, escs=0, **more) -> FlightLog:
         k: EscRecord(Series(T, 5000.0 + 50.0 * np.sin(T + k)[:, None])) for k in range(1, escs + 1)
     }
     ports = {0: Series(T, servo)} if outputs else {}
-    log = FlightLog(Path(path), 1, 0, 0.0, 40.0, servo_ports=ports, escs=speeds)
+    log = FlightLog(
+        path=Path(path), system=1, boot=0, start_s=0.0, end_s=40.0, servo_ports=ports, escs=speeds
+    )
     return chosen(replace(log, **{"vehicle_type": 2, "autopilot": 3, **more}))
 
 

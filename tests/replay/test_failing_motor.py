@@ -156,7 +156,7 @@ def test_a_row_beside_a_gap_is_no_evidence(flights: Flights) -> None:
     log = flights.log("ordinary", speeds=False)
     vehicle = chosen_vehicle(flights.folder / "ordinary_outputs.toml")
     motion = read_motion(log, vehicle)
-    context = Context(raw_state(log, vehicle, motion), vehicle)
+    context = Context(state=raw_state(log, vehicle, motion), vehicle=vehicle)
     outputs = context.state.servo_us.copy()
     outputs[1000:1200] = np.nan
     holed = replace(context, state=replace(context.state, servo_us=outputs))

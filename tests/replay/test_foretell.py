@@ -24,7 +24,7 @@ def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, float]):
     """The answer among sets of (names, score, energy left of unseen time), and the sets that stay."""
     left = {frozenset(names): energy for names, _, energy in sets}
     fits = {frozenset(names): fit(names, score) for names, score, _ in sets}
-    walked = Walked(None, fits, max(fits.values(), key=lambda f: f.score))
+    walked = Walked(evidence=None, fits=fits, best=max(fits.values(), key=lambda f: f.score))
     flight = SimpleNamespace(energy=lambda energy: energy)
     monkeypatch.setattr(
         results,

@@ -260,7 +260,7 @@ def test_names_and_units_are_those_of_people(weak: Diagnosis) -> None:
     assert channel_words("rpm_3") == "speed of ESC 3 [rpm]"
     assert channel_words("range_down_m") == "range down [m]"
     assert (
-        estimate_text(IntervalEstimate("scale", -0.05, (-0.06, -0.04), "1"))
+        estimate_text(IntervalEstimate(name="scale", value=-0.05, ci95=(-0.06, -0.04), unit="1"))
         == "scale = -0.05 [-0.06, -0.04]"
     )
 

@@ -35,7 +35,13 @@ def by_outputs(vehicle: Vehicle = QUADROTOR) -> Vehicle:
         replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in vehicle.fans
     )
     most = vehicle.mass_kg * 9.80665 / len(fans) / 0.45**2
-    return replace(vehicle, fans=fans, throttle=Throttle(most, 1.0, 1000.0, 2000.0, 16.0))
+    return replace(
+        vehicle,
+        fans=fans,
+        throttle=Throttle(
+            max_thrust_n=most, expo=1.0, pwm_min_us=1000.0, pwm_max_us=2000.0, voltage_v=16.0
+        ),
+    )
 
 
 def fans_at(places: tuple[int, ...]) -> Vehicle:

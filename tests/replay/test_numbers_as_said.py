@@ -226,15 +226,20 @@ def test_a_dead_time_that_was_refined_in_one_row_has_the_width_of_its_grid(quiet
 
 
 def test_what_is_not_determined_has_no_value_but_its_interval() -> None:
-    unknown = IntervalEstimate("scale", 0.26, (-0.19, 0.72), "1", determined=False)
+    unknown = IntervalEstimate(
+        name="scale", value=0.26, ci95=(-0.19, 0.72), unit="1", determined=False
+    )
     assert unknown.as_json() == {"value": None, "ci95": (-0.19, 0.72), "unit": "1"}
     assert estimate_text(unknown) == "scale not determined [-0.19, 0.72]"
     assert (
-        estimate_text(IntervalEstimate("from_s", 102.84, (102.5, 103.2), "s"))
+        estimate_text(IntervalEstimate(name="from_s", value=102.84, ci95=(102.5, 103.2), unit="s"))
         == "from_s = 102.8 [102.5, 103.2] s"
     )
-    assert estimate_text(IntervalEstimate("fan", 3.0, None, "1")) == "fan = 3"
-    assert IntervalEstimate("fan", 3.0, None, "1").as_json() == {"value": 3.0, "unit": "1"}
+    assert estimate_text(IntervalEstimate(name="fan", value=3.0, ci95=None, unit="1")) == "fan = 3"
+    assert IntervalEstimate(name="fan", value=3.0, ci95=None, unit="1").as_json() == {
+        "value": 3.0,
+        "unit": "1",
+    }
 
 
 def test_small_numbers_have_digits_and_nothing_is_minus_zero() -> None:
@@ -259,7 +264,7 @@ def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
             terms=terms, score=math.log(chance), key=frozenset(t.key for t in terms)
         )
         fits[fit.key] = fit
-    return Walked(None, fits, next(iter(fits.values())))
+    return Walked(evidence=None, fits=fits, best=next(iter(fits.values())))
 
 
 def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() -> None:
@@ -320,7 +325,9 @@ def fit_of(quiet: Record, *pushes: np.ndarray) -> FlightFit:
         wrench[:, 0] = push
         effects[(f"effect {number}", None, None)] = Acting(wrench, ("Fx",), np.zeros((8, 1)), {})
     still = np.zeros_like(quiet.residual)
-    return FlightFit(quiet, 0, quiet.residual, effects, still, still)
+    return FlightFit(
+        record=quiet, index=0, before=quiet.residual, effects=effects, rest=still, beside=still
+    )
 
 
 def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_the_other(
@@ -385,7 +392,9 @@ def test_what_is_the_vehicles_of_a_wind_stays_as_drag_and_flies_the_same_force(
 
 def test_every_quantity_stands_for_a_parameter_and_is_finite(quiet: Record) -> None:
     vehicle = quiet.context.vehicle
-    nothing = Context(blank_state((3,), len(vehicle.fans), len(vehicle.rotors)), vehicle)
+    nothing = Context(
+        state=blank_state((3,), len(vehicle.fans), len(vehicle.rotors)), vehicle=vehicle
+    )
     for effect in _with_quantities():
         known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}
         assert {q.instead_of for q in effect.shown.quantities} <= known

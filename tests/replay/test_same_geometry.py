@@ -183,7 +183,9 @@ def test_what_a_second_wall_pushes_is_the_same_and_the_mount_counts_once():
     )
     recorded = {name: value[0] for name, value in replayed(sensors, LEVEL).items()}
     pushes = [
-        adopted_wrench([effect], Context(state, config.vehicle, MODEL), in_flight=True)
+        adopted_wrench(
+            [effect], Context(state=state, vehicle=config.vehicle, model=MODEL), in_flight=True
+        )
         for state in (live, replace(live, **recorded))
     ]
     np.testing.assert_allclose(pushes[0], pushes[1], rtol=1e-4)

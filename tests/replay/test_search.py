@@ -136,7 +136,12 @@ def test_shares_add_up_to_all_at_most(quiet: Record) -> None:
 def test_no_more_is_claimed_of_an_effect_than_of_the_sign_of_its_size(
     low: float, high: float, most: float
 ) -> None:
-    assert IntervalEstimate("pull", (low + high) / 2.0, (low, high), "1").sign_probability <= most
+    assert (
+        IntervalEstimate(
+            name="pull", value=(low + high) / 2.0, ci95=(low, high), unit="1"
+        ).sign_probability
+        <= most
+    )
 
 
 def test_what_a_flight_says_nothing_about_is_not_printed(quiet: Record) -> None:
@@ -483,18 +488,18 @@ def sets(**scores: float) -> list[Fit]:
     none = np.empty(0)
     terms = {
         letter: Term(
-            letter,
-            None if letter in "xyz" else get("payload"),
-            (),
-            none.astype(int),
-            none,
-            none,
-            none,
-            none,
-            0.0,
-            0.0,
-            none,
-            {},
+            name=letter,
+            effect=None if letter in "xyz" else get("payload"),
+            shape=(),
+            columns=none.astype(int),
+            scale=none,
+            centre=none,
+            low=none,
+            high=none,
+            log_shape=0.0,
+            log_odds=0.0,
+            main=none,
+            places={},
         )
         for letter in sorted(set("".join(scores)))
     }

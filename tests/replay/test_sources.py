@@ -27,7 +27,7 @@ def series(*columns: np.ndarray | float, source: str = "") -> Series:
 
 
 def log(**columns) -> FlightLog:
-    return FlightLog(Path("a.BIN"), 1, 0, 0.0, 20.0, **columns)
+    return FlightLog(path=Path("a.BIN"), system=1, boot=0, start_s=0.0, end_s=20.0, **columns)
 
 
 def choice(of: FlightLog, quantity: str, **settings: str):
@@ -118,7 +118,14 @@ ATTITUDE = series(np.cos(ROLL / 2.0), np.sin(ROLL / 2.0), 0.0, 0.0)
 
 def imu(name: str, gyro, down: float = -9.8, **more) -> ImuRecord:
     force = series(0.01 * np.sin(9.0 * T), 0.0, down, source=name)
-    return ImuRecord(name, force, series(gyro, 0.0, 0.0), 0.0, 0, **more)
+    return ImuRecord(
+        source=name,
+        specific_force=force,
+        gyro=series(gyro, 0.0, 0.0),
+        force_step=0.0,
+        clipped=0,
+        **more,
+    )
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,7 @@ def silent_drift_m(seconds: float) -> float:
 @cache
 def config(adapt: Adapt = Adapt.OFF) -> PipelineConfig:
     """The paper's vehicle with its model: offsets of a few per cent of thrust and a degree or two."""
-    return PipelineConfig(default_vehicle(), models.load(), adapt=adapt)
+    return PipelineConfig(vehicle=default_vehicle(), model=models.load(), adapt=adapt)
 
 
 def copied_model(folder: Path) -> Path:

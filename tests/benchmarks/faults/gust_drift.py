@@ -24,7 +24,7 @@ HEIGHT_M, SECONDS = 2.5, 4.0
 
 def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:
     """Furthest way along a wind from the left [m], and the mean push over the first second [m/s^2]."""
-    own = PipelineConfig(vehicle, models.load(), offsets=False)
+    own = PipelineConfig(vehicle=vehicle, model=models.load(), offsets=False)
     seen: list[tuple[float, float]] = []
 
     def script(pilot: CasePilot) -> Iterator[float]:

@@ -28,6 +28,6 @@ EFFECT = Effect(
     axes=("Fy",),
     channels=("yaw_rad",),
     excite="turn on the spot",
-    coefficients=(Coefficient("share", "1", -1.0, 1.0, typical=0.1),),
+    coefficients=(Coefficient(name="share", unit="1", low=-1.0, high=1.0, typical=0.1),),
     wrenches=_wrenches,
 )
