@@ -182,11 +182,9 @@ def evidence_of(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
     above = lift * GRAVITY - ctx.thrust.sum(axis=1) / ctx.vehicle.mass_kg
     upward = np.maximum(np.maximum(above, motion.force[:, 2]), 0.0)
     size = np.hypot(upward, np.linalg.norm(motion.force[:, :2], axis=1))
-    if flying.any():
-        usual = float(np.nanmedian(size[flying]))
-    else:
-        usual = np.inf
-    hit = size > max(IMPACT_G * GRAVITY, IMPACT_SIGMA * usual)
+    # A blow may fall between two samples of the accelerometer: then the velocity has changed unfelt.
+    unfelt = np.linalg.norm(motion.kinematic_bias, axis=1)
+    hit = _blows(size, flying) | _blows(unfelt, flying)
     with np.errstate(invalid="ignore"):
         over = motion.rotation[:, 2, 2] < UPSIDE_DOWN
     apart = np.abs(thrust - thrust.mean(axis=1, keepdims=True))
@@ -213,6 +211,16 @@ def evidence_of(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
         over=_in_blocks(over, grid.every, len(measured)),
         flying=flying[:: grid.every],
     )
+
+
+def _blows(size: Array, flying: Mask) -> Mask:
+    """Where an acceleration (n,) [m/s^2] is that of an impact: more than a vehicle has, and than is usual here."""
+    known = flying & np.isfinite(size)
+    if not known.any():
+        return np.zeros(len(size), bool)
+    least = max(IMPACT_G * GRAVITY, IMPACT_SIGMA * float(np.median(size[known])))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(size > least)
 
 
 def _in_blocks(mask: Mask, every: int, count: int) -> Mask:

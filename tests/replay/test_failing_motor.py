@@ -163,3 +163,21 @@ def test_a_row_beside_a_gap_is_no_evidence(flights: Flights) -> None:
     seen = evidence_of(holed, motion, np.ones(len(outputs), bool))
     assert np.isfinite(seen.doubt[seen.good]).all()
     assert not seen.good.all()
+
+
+def test_a_blow_between_two_samples_of_the_accelerometer_shows_in_the_velocity(
+    flights: Flights,
+) -> None:
+    """A hard touch-down turns 5 m/s round; what follows says nothing of a motor."""
+    log = flights.log("ordinary", speeds=False)
+    vehicle = chosen_vehicle(flights.folder / "ordinary_outputs.toml")
+    motion = read_motion(log, vehicle)
+    context = Context(state=raw_state(log, vehicle, motion), vehicle=vehicle)
+    flying = np.ones(len(motion.grid.t), bool)
+    middle = len(flying) // 2
+    bounced = motion.velocity.copy()
+    bounced[middle:, 2] -= 7.0
+    struck = evidence_of(context, replace(motion, velocity=bounced), flying).struck
+    every = motion.grid.every
+    assert struck[middle // every - 1 : middle // every + 2].any()
+    assert not evidence_of(context, motion, flying).struck[middle // every - 1 :][:3].any()
