@@ -182,7 +182,7 @@ def evidence_of(ctx: Context, motion: Trajectory, flying: Mask) -> _Signals:
     above = lift * GRAVITY - ctx.thrust.sum(axis=1) / ctx.vehicle.mass_kg
     upward = np.maximum(np.maximum(above, motion.force[:, 2]), 0.0)
     size = np.hypot(upward, np.linalg.norm(motion.force[:, :2], axis=1))
-    # A blow may fall between two samples of the accelerometer: then the velocity has changed unfelt.
+    # A blow may fall between two samples of the accelerometer: the velocity has changed unfelt.
     unfelt = np.linalg.norm(motion.kinematic_bias, axis=1)
     hit = _blows(size, flying) | _blows(unfelt, flying)
     with np.errstate(invalid="ignore"):
