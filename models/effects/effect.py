@@ -633,11 +633,12 @@ def when(parameters: Mapping[str, float]) -> str:
     """``, from 12 s on`` and ``, until 40 s`` of an effect that begins or ends in flight; empty for always."""
     start = parameters.get(FROM_S, 0.0)
     end = parameters.get(UNTIL_S, 0.0)
+    words = []
     if start > 0.0:
-        out = f", from {start:.0f} s on"
-    else:
-        out = ""
-    return out + (f", until {end:.0f} s" if end > 0.0 else "")
+        words.append(f", from {start:.0f} s on")
+    if end > 0.0:
+        words.append(f", until {end:.0f} s")
+    return "".join(words)
 
 
 def decay(distance: Array, length: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -229,29 +230,15 @@ def distances(
         if beam is not None:
             ranges[:, i] = beam_reading(beam, t + late_s)
     height = ground_height(log, vehicle, t, rotation, position, late_s)
-    ceilings = _planes(
-        log=log,
-        vehicle=vehicle,
-        target="ceiling",
-        t=t,
-        rotation=rotation,
-        position=position,
-        late_s=late_s,
+    planes = partial(
+        _planes, log, vehicle, t=t, rotation=rotation, position=position, late_s=late_s
     )
+    ceilings = planes("ceiling")
     if height is None:
         floor = far[:, 0]
     else:
         floor = height
-    seen = _planes(
-        log=log,
-        vehicle=vehicle,
-        target="wall",
-        t=t,
-        rotation=rotation,
-        position=position,
-        late_s=late_s,
-        floor=floor,
-    )
+    seen = planes("wall", floor=floor)
     rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
     seen += [_carried(plane, t, position) for plane in rings]
     out = {

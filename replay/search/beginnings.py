@@ -38,7 +38,7 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
     """
     own, cross = _products(record, wrench)
     rows = _looked_at(record)
-    if len(rows) < 1:
+    if not len(rows):
         return []
     before_own = np.concatenate([[0.0], np.cumsum(own)])
     before_cross = np.concatenate([[0.0], np.cumsum(cross)])

@@ -16,7 +16,9 @@ from replay.flightlog import FlightLog, LogFault, MotorLoss, ParameterChange, Se
 from replay.logs.formats import load
 from replay.residual.failed_motor import evidence_of
 from replay.residual.log_state import raw_state
+from replay.residual.lost_speed import SLOW_SHARE
 from replay.residual.motion import read_motion
+from replay.residual.motor_failure import _seen
 from replay.residual.record import build_record
 from tests.simulators.failing import cases, craft, tlog, world
 
@@ -115,6 +117,14 @@ def test_a_motor_that_fails_is_an_effect_that_begins(flights: Flights, speeds: b
     low, high = effect["parameters"]["scale"]["ci95"]
     assert low <= -1.0 <= high < 0.0
     assert 0.9 < effect["probability"] < 1.0
+
+
+def test_a_motor_that_stalls_is_not_said_to_have_lost_all() -> None:
+    """Below 55 % of the speed that is asked, 30 % of the thrust may be left."""
+    stalled = _seen("rpm_2", "motor 2 does not follow its output", 12.0, 2, 1.0 - SLOW_SHARE**2)
+    low, high = loss_json(stalled)["parameters"]["scale"]["ci95"]
+    assert (low, high) == pytest.approx((-1.0, -0.6975))
+    assert low < loss_json(stalled)["parameters"]["scale"]["value"] < high
 
 
 def test_of_two_motors_the_effect_names_none() -> None:
