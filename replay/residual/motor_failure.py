@@ -25,7 +25,7 @@ ALL_LOST = 0.85
 """Share of the thrust from which on it is all lost: what is left cannot be told from none."""
 SEEN_SURE = 0.97
 """Probability of a motor that its speed or output gives away. In 90 simulated failures with speeds in the log 81 were
-named, all rightly (failing_fan.py, seeds 77, 501 and 902): 82 of 83 by Laplace. Real logs have faults that it has not."""
+named, all rightly (failing_fan.py, seeds 77, 501, 902): 82 of 83 by Laplace. Real logs have faults that these lack."""
 TURNS_RAD_S = 0.3
 """Rate from which on the vehicle is said to turn."""
 ASIDE = 0.3
