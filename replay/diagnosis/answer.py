@@ -113,7 +113,8 @@ class Diagnosis(Searched):
     def adopted(self) -> tuple[AdoptedEffect, ...]:
         """The named effects with the sizes that another flight may be predicted by.
 
-        A map of surfaces and the laws that it corrects stay as found: only their sum is known well.
+        A map of surfaces and the laws that it corrects stay as found: only their sum is known well. What ended in its
+        flight is in no other.
         """
         joint = corrected_together(f.effect for f in self.found)
         return tuple(
@@ -127,6 +128,7 @@ class Diagnosis(Searched):
                 doubt=self.of_one_wind,
             )
             for f in self.found
+            if not f.ended
         )
 
     def _as_found(self, found: Found) -> AdoptedEffect:
@@ -325,7 +327,7 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
         "channels": f.effect.channels,
         "status": f.status,
         "belongs_to": f.effect.belongs_to.value,
-        "kept": f.effect.kept,
+        "kept": f.kept,
         "equation": f.effect.equation,
         "sign": f.effect.sign,
     }
@@ -375,7 +377,7 @@ def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
         flown = f"; {f.effect.in_flight.use.value}"
     lines = [
         f"  {' or '.join(names)} ({sure}): {numbers}; {explains_text(f.explains)}",
-        f"    {kept_words(f.effect)}{flown}",
+        f"    {kept_words(f.effect, ended=f.ended)}{flown}",
     ]
     if f.without:
         lines.append(f"    not on {', '.join(f.without)}: there it makes the error larger")

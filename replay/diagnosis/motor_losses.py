@@ -7,20 +7,22 @@ from typing import Any
 from models.effects import Effect, catalogue
 from replay.flightlog import LogFault, MotorLoss
 from replay.search.estimates import IntervalEstimate
+from replay.search.sets import SURE
 
 
 def loss_json(fault: LogFault) -> dict[str, Any]:
     """One entry of ``effects`` (docs/formats.md) of a fault that has a ``loss``."""
     loss = _loss(fault)
     effect = _of_one_fan()
+    probability = min(loss.probability, SURE)
     return {
         "name": effect.name,
         "axes": effect.axes,
         "since_s": fault.since_s,
         "parameters": {e.name: e.as_json() for e in _parameters(loss)},
         "explains": loss.explains,
-        "q_value": 1.0 - loss.probability,
-        "probability": loss.probability,
+        "q_value": 1.0 - probability,
+        "probability": probability,
         "channels": [fault.channel],
         "status": "candidate",
         "belongs_to": effect.belongs_to.value,
@@ -33,10 +35,10 @@ def loss_json(fault: LogFault) -> dict[str, Any]:
 
 def loss_text(fault: LogFault) -> list[str]:
     """The same in two lines."""
-    loss = _loss(fault)
+    probability = min(_loss(fault).probability, SURE)
     name = _of_one_fan().name
     return [
-        f"  {name} since {fault.since_s:.1f} s (probability {loss.probability:.2f}): {fault.what}",
+        f"  {name} since {fault.since_s:.1f} s (probability {probability:.2f}): {fault.what}",
         "    not kept: a motor that failed is repaired before the next flight",
     ]
 

@@ -119,7 +119,7 @@ def _act(answer: Diagnosis) -> tuple[str, str]:
         "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, "
         "first with --dry-run."
     )
-    if not any(f.effect.kept for f in answer.found):
+    if not any(f.kept for f in answer.found):
         action = (
             "There is nothing to adopt: all of it belongs to this flight. The next flight starts "
             "without it."

@@ -143,11 +143,13 @@ def class_text(f: Found) -> str:
     return f"{f.push}: {', or '.join(members)}; to know which: {f.decided_by}"
 
 
-def kept_words(effect: Effect) -> str:
+def kept_words(effect: Effect, *, ended: bool = False) -> str:
     """What an amended model keeps of an effect, and what not."""
     gone = [plain(c.name) for c in effect.coefficients if effect.of_day(c)]
     left = [plain(c.name) for c in effect.coefficients if not effect.of_day(c)]
     source = _OF_ONE_FLIGHT.get(effect.belongs_to, "one flight")
+    if ended and effect.kept:
+        return "not kept: it ended in this flight"
     if not effect.kept:
         if effect.stays is not None:
             left = [

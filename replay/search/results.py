@@ -9,6 +9,7 @@ import numpy as np
 
 from models.common.frames import AXES
 from models.effects import Effect, get
+from models.effects.effect import UNTIL_S
 from replay.search.channel import hundredths
 from replay.search.estimates import LEARNT, IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import TRUST, Fit
@@ -83,6 +84,16 @@ class Found:
         """Whether one of the coefficients that make the effect is determined."""
         main = {c.name for c in self.effect.coefficients if self.effect.is_main(c)}
         return any(e.determined for e in self.fitted if e.name in main)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it ended in the flight."""
+        return self.parameters.get(UNTIL_S, 0.0) > 0.0
+
+    @property
+    def kept(self) -> bool:
+        """Whether the next flight has it: neither what is of this flight, nor what ended in it."""
+        return self.effect.kept and not self.ended
 
     @property
     def numbers(self) -> dict[str, float]:

@@ -96,6 +96,20 @@ def test_a_fan_that_is_weak_from_the_start_has_none(quiet: Record) -> None:
     assert "until_s" not in entry
 
 
+def test_what_ended_in_the_flight_is_not_in_the_next_one(quiet: Record) -> None:
+    last = float(quiet.time_s[450])
+    weak = weakened(quiet, 2.0, 0.0)
+    over = (quiet.time_s >= last)[:, None]
+    answer = conclude(
+        [replace(weak, residual=np.where(over, quiet.residual, weak.residual))], effects=EFFECTS
+    )
+    (entry,) = answer.as_json(None)["effects"]
+    assert entry["until_s"] == pytest.approx(last, abs=1.0)
+    assert entry["kept"] is False
+    assert answer.adopted == ()
+    assert "not kept: it ended in this flight" in answer.as_text()
+
+
 def test_the_next_flight_starts_with_it(quiet: Record) -> None:
     """A time of one log means nothing in another."""
     answer = conclude([weakened(quiet, 2.0, float(quiet.time_s[400]))], effects=EFFECTS)

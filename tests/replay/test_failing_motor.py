@@ -11,7 +11,7 @@ import pytest
 
 from companion.vehicles import chosen_vehicle
 from models.effects import Context
-from replay.diagnosis.motor_losses import loss_json
+from replay.diagnosis.motor_losses import loss_json, loss_text
 from replay.flightlog import FlightLog, LogFault, MotorLoss, ParameterChange, Series
 from replay.logs.formats import load
 from replay.residual.failed_motor import evidence_of
@@ -20,6 +20,7 @@ from replay.residual.lost_speed import SLOW_SHARE
 from replay.residual.motion import read_motion
 from replay.residual.motor_failure import _seen
 from replay.residual.record import build_record
+from replay.search.sets import SURE
 from tests.simulators.failing import cases, craft, tlog, world
 
 BOOT_S = 30.0
@@ -125,6 +126,13 @@ def test_a_motor_that_stalls_is_not_said_to_have_lost_all() -> None:
     low, high = loss_json(stalled)["parameters"]["scale"]["ci95"]
     assert (low, high) == pytest.approx((-1.0, -0.6975))
     assert low < loss_json(stalled)["parameters"]["scale"]["value"] < high
+
+
+def test_no_motor_is_named_more_surely_than_any_effect() -> None:
+    loss = MotorLoss(motors=(1,), share=0.9, interval=(0.8, 1.0), probability=1.0)
+    fault = LogFault("servo_1", "motor 1 gives no thrust", 12.0, loss)
+    assert loss_json(fault)["probability"] == SURE
+    assert "probability 1.00" not in "".join(loss_text(fault))
 
 
 def test_of_two_motors_the_effect_names_none() -> None:
