@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,10 +149,23 @@ def test_a_bench_run_before_a_flight_leaves_the_flight(flown: Motion, vehicle: V
     assert record.seconds > whole.seconds / 2.0 - 4.0
 
 
-def test_a_quiet_hover_is_a_flight(vehicle: Vehicle) -> None:
-    """It turns by a tenth of a degree, as hovers do without any wind, and hardly asks for thrust."""
+def always(t: Array) -> Array:
+    """It turns by a tenth of a degree, as hovers do without any wind."""
+    return np.asarray(0.15 * np.sin(1.9 * t))
+
+
+def now_and_then(t: Array) -> Array:
+    """It rests most of the time, and turns by two degrees for a twelfth of it."""
+    return np.where(
+        (t > 20.0) & (t < 20.0 + SECONDS / 12.0), 2.0 * np.sin(1.9 * t), 0.08 * np.sin(1.9 * t)
+    )
+
+
+@pytest.mark.parametrize("turned_deg", [always, now_and_then])
+def test_a_quiet_hover_is_a_flight(vehicle: Vehicle, turned_deg: Callable[[Array], Array]) -> None:
+    """It hardly asks for thrust."""
     quiet = fly(vehicle, seconds=SECONDS)
-    roll = np.radians(0.15) * np.sin(1.9 * quiet.t)
+    roll = np.radians(turned_deg(quiet.t))
     quaternion = np.stack([np.cos(roll / 2.0), np.sin(roll / 2.0), 0.0 * roll, 0.0 * roll], axis=1)
     stood = held(quiet, constant(quiet) * (1.0 + 0.002 * np.sin(3.0 * quiet.t)))
     lift = (stood.speed[:, 0] / hover_rpm(quiet)) ** 2
