@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import socket
 from pathlib import Path
 from typing import Any
@@ -76,4 +77,5 @@ def run(a: argparse.Namespace) -> int:
         )
     config = uvicorn.Config(app(desk), log_level="error", timeout_graceful_shutdown=2)
     uvicorn.Server(config).run(sockets=[listening])
-    return 0
+    # Nothing else ends it; the interrupt may be spent on the server's own shutdown.
+    return 128 + signal.SIGINT
