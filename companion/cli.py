@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
-from models.common.arguments import Parser, VersionAction, speaks
+from models.common.arguments import INTERRUPTED, Parser, VersionAction, speaks
 from models.common.errors import ConfigError, LinkError, UserError
 from models.common.text_file import write_json
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from companion.sim.process import SimProcess
     from models.vehicle import Vehicle
 
-_INTERRUPTED = 130
-"""128 + SIGINT, as shells have it."""
 _NO_VEHICLE = (
     "no --vehicle: nothing is sent. Name the vehicle's file; the paper's tandem is --vehicle tandem"
 )
@@ -170,7 +168,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"companion: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        return _INTERRUPTED
+        return INTERRUPTED
 
 
 def scenario_name(endpoint: str) -> str:
@@ -333,7 +331,7 @@ def _fly(a: argparse.Namespace) -> int:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
         heard = flight.unheard is None
     if interrupted:
-        return _INTERRUPTED
+        return INTERRUPTED
     if heard:
         return 0
     return LinkError.exit_code

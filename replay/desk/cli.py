@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import socket
 from pathlib import Path
 from typing import Any
 
 from companion.page.feed import read_address
+from models.common.arguments import INTERRUPTED
 from models.common.errors import ConfigError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, or the port is taken; 130 interrupted. The walk over the page:
@@ -78,4 +78,4 @@ def run(a: argparse.Namespace) -> int:
     config = uvicorn.Config(app(desk), log_level="error", timeout_graceful_shutdown=2)
     uvicorn.Server(config).run(sockets=[listening])
     # Nothing else ends it; the interrupt may be spent on the server's own shutdown.
-    return 128 + signal.SIGINT
+    return INTERRUPTED
