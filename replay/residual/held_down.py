@@ -38,7 +38,7 @@ STILL_DEG = 0.04
 USUALLY_STILL_DEG = 0.1
 CALM_DEG = 0.3
 """Spread of roll and pitch within a window: below that of any window of a flight (0.07 degrees); of half of a flight's
-windows (0.15); and of one that thrust leaves alone, or of a whole run that rests."""
+windows (0.15); and of one that thrust leaves alone, or of any in a run that rests."""
 ASKED_SHARE = 0.1
 UNANSWERED = 0.2
 """Spread of lift over its size from which on a vehicle must answer, and share of it that is felt below which it does
@@ -187,7 +187,7 @@ def _all_held(
     whole = _answer(seen, together)
     tilts = [a.tilt_deg for a in inside] or [np.inf]
     # A calm hover rests most of the time; what turns now and then all the same is not tied down.
-    still = float(np.median(tilts)) < USUALLY_STILL_DEG and whole.tilt_deg < CALM_DEG
+    still = float(np.median(tilts)) < USUALLY_STILL_DEG and max(tilts) < CALM_DEG
     ignoring = np.mean([a.ignores_lift for a in inside] or [False]) > MOSTLY
     carried = bool(ignoring) and whole.speed < CARRIED_M_S
     return not whole.flies and (still or carried)

@@ -149,6 +149,18 @@ def test_a_bench_run_before_a_flight_leaves_the_flight(flown: Motion, vehicle: V
     assert record.seconds > whole.seconds / 2.0 - 4.0
 
 
+def test_a_vehicle_that_settles_under_full_throttle_did_not_fly(
+    flown: Motion, vehicle: Vehicle
+) -> None:
+    """Its ropes give way by a degree, so slowly that no window shows it."""
+    roll = np.radians(1.5) * np.exp(-flown.t / (SECONDS / 3.0))
+    zero = 0.0 * roll
+    quaternion = np.stack([np.cos(roll / 2.0), np.sin(roll / 2.0), zero, zero], axis=1)
+    full = held(flown, constant(flown) * 1.4)
+    log = logged(replace(full, quaternion=quaternion), vehicle, Path("bench.tlog"))
+    assert NOT_FLOWN in refused(log, vehicle)
+
+
 def always(t: Array) -> Array:
     """It turns by a tenth of a degree, as hovers do without any wind."""
     return np.asarray(0.15 * np.sin(1.9 * t))
