@@ -19,12 +19,9 @@ from models.vehicle import RHO_SEA_LEVEL
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     v = ctx.velocity
     discs = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
-    pressure = -0.5 * RHO_SEA_LEVEL * discs * np.abs(v) * v
-    front = np.zeros((*v.shape[:-1], 6))
-    side = np.zeros((*v.shape[:-1], 6))
-    front[..., 0] = pressure[..., 0]
-    side[..., 1] = pressure[..., 1]
-    return front, side
+    speed = np.linalg.norm(v, axis=-1, keepdims=True)
+    pressure = -0.5 * RHO_SEA_LEVEL * discs * speed * v
+    return tuple(pressure[..., i, None] * np.eye(6)[i] for i in range(3))
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -36,16 +33,18 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="body_drag",
-    equation="dF_i = -rho/2 c_i A |v_i| v_i, A the area of all discs",
+    equation="dF_i = -rho/2 c_i A |v| v_i, A the area of all discs",
     sign="c > 0: against the motion",
-    axes=("Fx", "Fy"),
+    axes=("Fx", "Fy", "Fz"),
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
     coefficients=(
         Coefficient(name="front", unit="1", low=-0.1, high=10.0, typical=1.5),
         Coefficient(name="side", unit="1", low=-0.1, high=10.0, typical=1.5),
+        Coefficient(name="top", unit="1", low=-0.1, high=10.0, typical=1.5, optional=True),
     ),
     wrenches=_wrenches,
+    main=("front", "side"),
     aliases=("rotor_drag",),
     shown=Shown(over_speed, _words),
 )

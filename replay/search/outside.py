@@ -80,10 +80,10 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         elif struck.sum() * record.step_s > SUDDEN_S:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
     known = {o.axis for o in out}
-    return (*out, *(o for o in _beside_surfaces(record, rest) if o.axis not in known))
+    return (*out, *(o for o in beside_surfaces(record, rest) if o.axis not in known))
 
 
-def _beside_surfaces(record: Record, rest: Array) -> list[Outside]:
+def beside_surfaces(record: Record, rest: Array) -> list[Outside]:
     """What is left on average beside a surface, beyond two standard errors of that mean."""
     out = []
     masks = regimes(record)

@@ -15,6 +15,7 @@ from replay.search.estimates import LEARNT, IntervalEstimate, shape_estimates, s
 from replay.search.evidence import TRUST, Fit
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.regimes import LEAST_S, regimes
+from replay.search.outside import beside_surfaces
 from replay.search.sets import Walked, aliases, class_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
@@ -149,10 +150,11 @@ def summarise(walked: Walked) -> Searched:
     and last what raises the error of held-out time. Each takes the best set of the pass before and gives its own;
     probabilities are those of the sets that remain.
     """
-    bare, _ = _helpful(_predictive(walked))
+    bare, fits = _helpful(_predictive(walked))
     others = aliases(bare)
-    mapped = with_surface_law(bare)
-    walked, fits, without = _acting(mapped)
+    if not _lawful(bare, fits):
+        bare = with_surface_law(bare)
+    walked, fits, without = _acting(bare)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     names = dict.fromkeys(t.name for t in chosen)
     found = _at_most_all(
@@ -166,6 +168,14 @@ def summarise(walked: Walked) -> Searched:
         visible=visible(walked),
         left_out=walked.left_out,
     )
+
+
+def _lawful(walked: Walked, fits: Sequence[FlightFit]) -> bool:
+    """Whether laws of the surfaces are in the best set and leave nothing beside them for a map to explain."""
+    corrected = corrected_together(walked.evidence.library.remainders)
+    if not any(t.name in corrected for t in walked.best.terms):
+        return False
+    return not any(beside_surfaces(f.record, f.after - f.beside) for f in fits)
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
