@@ -39,9 +39,9 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
     coefficients=(
-        Coefficient(name="front", unit="1", low=-0.1, high=10.0, typical=1.5),
-        Coefficient(name="side", unit="1", low=-0.1, high=10.0, typical=1.5),
-        Coefficient(name="top", unit="1", low=-0.1, high=10.0, typical=1.5, optional=True),
+        Coefficient(name="front", unit="1", low=-0.1, high=10.0, typical=0.5),
+        Coefficient(name="side", unit="1", low=-0.1, high=10.0, typical=0.5),
+        Coefficient(name="top", unit="1", low=-0.1, high=10.0, typical=0.5, optional=True),
     ),
     wrenches=_wrenches,
     main=("front", "side"),
