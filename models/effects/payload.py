@@ -24,6 +24,8 @@ from models.effects.pictures import percent
 
 MISSING = 0.25
 """Share of the mass that may be missing: a smaller pack and no camera. Some pack, a quarter of most, is on board."""
+MOST_SHARE = 0.9
+"""Of load and vehicle together, that the load may be: the mass that follows stays finite."""
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
@@ -31,6 +33,15 @@ def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     out = np.zeros((*ctx.state.time_s.shape, 6))
     out[..., 2] = ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg
     return (out,)
+
+
+def _mass(ctx: Context, p: Mapping[str, Array]) -> Array:
+    """Mass of the load (m,) [kg]: lift T gives m + dm the specific force T / (m + dm), of which T dm / (m + dm) lacks.
+
+    So the coefficient c, on T / m, is m dm / (m + dm).
+    """
+    share = np.minimum(p["mass"] / ctx.vehicle.mass_kg, MOST_SHARE)
+    return np.asarray(ctx.vehicle.mass_kg * share / (1.0 - share))
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -49,8 +60,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="payload",
     belongs_to=BelongsTo.LOAD,
-    equation="dF = -dm f, f the specific force",
-    sign="mass > 0: heavier than declared",
+    equation="dF = -T dm / (m + dm), T the declared lift",
+    sign="mass_kg > 0: heavier than declared",
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
@@ -73,6 +84,6 @@ EFFECT = Effect(
     chance=0.028,
     shown=Shown(
         in_words=_words,
-        quantities=(Quantity(instead_of="mass", name="mass_kg", unit="kg"),),
+        quantities=(Quantity(instead_of="mass", name="mass_kg", unit="kg", of=_mass),),
     ),
 )

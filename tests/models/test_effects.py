@@ -261,6 +261,17 @@ def test_a_load_is_what_a_vehicle_can_lift_and_what_can_be_missing(ctx: Context)
         assert coefficient.most(outputs) == mass.most(outputs)
 
 
+def test_a_load_is_said_by_its_own_mass(ctx: Context) -> None:
+    """A quarter of the mass more takes a fifth off the acceleration that the same lift gives."""
+    kg = ctx.vehicle.mass_kg
+    lift = ctx.thrust.sum(axis=-1)
+    felt = lift / (1.25 * kg)
+    parameters = {"mass": 0.2 * kg}
+    missing = get("payload").wrench(ctx, parameters)[..., 2]
+    assert missing == pytest.approx(lift - kg * felt)
+    assert get("payload").said(ctx, parameters)["mass_kg"] == pytest.approx(0.25 * kg)
+
+
 def test_a_swing_takes_a_flight_that_outlasts_it(ctx: Context) -> None:
     """Of a swing of a metre the beginning is forgotten after eight seconds, of one of two metres after eleven."""
     hop, flight, long = (replace(ctx, judged_s=(0.0, seconds)) for seconds in (7.0, 17.0, 60.0))
