@@ -211,12 +211,23 @@ def test_a_corrected_measurement_is_not_corrected_twice(ctx: Context) -> None:
 
 
 def test_drag_areas_are_measured_in_discs(ctx: Context) -> None:
-    wrench = adopted_wrench([AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], ctx)
+    drag = [AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0, "top": 0.0})]
+    wrench = adopted_wrench(drag, ctx)
     large = replace(ctx.vehicle, rotor_radius_m=2.0 * ctx.vehicle.rotor_radius_m)
-    other = adopted_wrench(
-        [AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], replace(ctx, vehicle=large)
-    )
-    assert other == pytest.approx(4.0 * wrench)
+    assert adopted_wrench(drag, replace(ctx, vehicle=large)) == pytest.approx(4.0 * wrench)
+
+
+def test_drag_of_a_body_that_is_alike_on_all_sides_is_against_its_motion(ctx: Context) -> None:
+    """Pressure drag goes with |v| v: in a slanted flight its parts are not those of flights along each axis."""
+    drag = [AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0, "top": 1.0})]
+    level = np.broadcast_to(np.eye(3), ctx.state.rotation.shape)
+    slanted = np.broadcast_to([3.0, 4.0, 0.0], ctx.state.velocity_ned.shape)
+    straight = np.broadcast_to([5.0, 0.0, 0.0], ctx.state.velocity_ned.shape)
+    state = replace(ctx.state, rotation=level, velocity_ned=slanted)
+    ahead = replace(ctx.state, rotation=level, velocity_ned=straight)
+    force = adopted_wrench(drag, replace(ctx, state=state))[..., :3]
+    size = np.linalg.norm(adopted_wrench(drag, replace(ctx, state=ahead))[..., :3], axis=-1)
+    assert force[..., :2] == pytest.approx(-size[..., None] * np.array([0.6, 0.8]))
 
 
 def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
