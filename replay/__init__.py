@@ -14,18 +14,30 @@ if TYPE_CHECKING:
     from replay.flightlog import FlightLog
     from replay.logs.formats import load
     from replay.notebook import diagnose
+    from replay.predict.rollout import FlightModel, rollout
     from replay.residual.record import Record, build_record
 
     __version__: str
 
-__all__ = ["Diagnosis", "FlightLog", "Record", "build_record", "diagnose", "load"]
+__all__ = [
+    "Diagnosis",
+    "FlightLog",
+    "FlightModel",
+    "Record",
+    "build_record",
+    "diagnose",
+    "load",
+    "rollout",
+]
 
 _HOMES = {
     "Diagnosis": "replay.diagnosis.answer",
     "FlightLog": "replay.flightlog",
+    "FlightModel": "replay.predict.rollout",
     "Record": "replay.residual.record",
     "build_record": "replay.residual.record",
     "diagnose": "replay.notebook",
     "load": "replay.logs.formats",
+    "rollout": "replay.predict.rollout",
 }
 __getattr__, __dir__ = exports(__name__, _HOMES)

@@ -469,6 +469,8 @@ class Effect:
     """Places that are tried, by the flight; None: every combination of what its shapes name."""
     halvings: int = 2
     """How often the grid of its shapes is halved about the best."""
+    of_inputs: bool = False
+    """It follows from the rotors' past alone, and from nothing of the motion: a record of them says it ahead."""
     may_begin: bool = False
     """It may begin or end in flight: the search of one flight tries times at which the residual changes."""
     at_shape: bool = False

@@ -64,6 +64,7 @@ EFFECT = Effect(
         Shape(name="dead_s", unit="s", free_at_zero=True),
     ),
     grid=_grid,
+    of_inputs=True,
     lacking=where_commanded,
     chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.04, 0.2)),
     searched=("Fz",),

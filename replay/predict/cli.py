@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from companion.vehicles import vehicle_path
 from models.common.errors import ConfigError
 from replay.pipeline_options import EXIT_CODES, add_answer_options
+
+MOST_S = 10.0
+"""Longest horizon: far beyond what an open loop can foretell of a multirotor."""
 
 if TYPE_CHECKING:
     from models.choice import Choice
@@ -39,8 +43,29 @@ def add_parser(commands: Any) -> None:
         help="fit nothing; without it, wind, load and accelerometer offset come from the first "
         "20 s of each flight",
     )
+    p.add_argument(
+        "--horizon",
+        type=seconds,
+        metavar="S",
+        help="the motion, too: from every measured state so many seconds ahead, by measured rotor "
+        "speeds or outputs",
+    )
+    p.add_argument(
+        "--report", type=Path, metavar="DIR", help="write the page there, as report.html"
+    )
     add_answer_options(p)
     p.set_defaults(run=run)
+
+
+def seconds(text: str) -> float:
+    """A time ahead [s]."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= MOST_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time between 0 and {MOST_S:g} s")
+    return value
 
 
 def run(a: argparse.Namespace) -> int:
@@ -48,6 +73,7 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from replay.command import check_targets, fault_lines, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
+    from replay.predict.page import page
     from replay.predict.predict import predict
 
     check_targets(a)
@@ -62,12 +88,15 @@ def run(a: argparse.Namespace) -> int:
         vehicle,
         chosen.model,
         frozen=a.frozen,
+        horizon_s=a.horizon,
         target_system=a.target_system,
         progress=progress_bar(a),
     )
     faults = model_faults(answer.records, chosen)
     content = answer.as_json(a.model) | {"log_faults": faults}
-    write_answer(a, content, [*fault_lines(faults), answer.as_text()])
+    write_answer(
+        a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, a.model)
+    )
     return 0
 
 

@@ -25,7 +25,7 @@ QUIETEST = 0.2
 """Smallest noise, in hundredths of the weight (times the lever, for moments)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Day:
     """What belongs to the day: coefficients (k,), each by its effect's name and its own, and wrenches (n, 6, k)."""
 
@@ -34,11 +34,28 @@ class Day:
     columns: Array
     said: Mapping[str, Mapping[str, float]]
     """Effects to their numbers, as people say them."""
+    shapes: Mapping[str, tuple[float, ...]]
+    """Of every effect."""
 
     @property
     def wrench(self) -> Array:
         """(n, 6), body FRD about the CG."""
         return np.asarray(self.columns @ self.values)
+
+    def effects(self) -> tuple[AdoptedEffect, ...]:
+        """The same as effects that a model may have besides its own."""
+        out = []
+        for name, shape in self.shapes.items():
+            effect = get(name)
+            coefficients = [c.name for c in effect.coefficients]
+            parameters = dict.fromkeys(coefficients, 0.0)
+            for (owner, coefficient), value in zip(self.names, self.values.tolist(), strict=True):
+                if owner == name:
+                    parameters[coefficient] = value
+            for s, value in zip(effect.shapes, shape, strict=True):
+                parameters[s.name] = value
+            out.append(AdoptedEffect(name, parameters))
+        return tuple(out)
 
     def as_json(self) -> dict[str, dict[str, float]]:
         """Effects to their numbers."""
@@ -70,10 +87,12 @@ def learn_day(
     names: list[tuple[str, str]] = []
     columns: list[Array] = []
     spread: list[float] = []
+    shapes: dict[str, tuple[float, ...]] = {}
     for effect in map(get, dict.fromkeys((*ALWAYS, *of_day))):
         if effect.lacking(record.context) is not None:
             continue
         shape = tuple(known.get(effect.name, {}).get(s.name, 0.0) for s in effect.shapes)
+        shapes[effect.name] = shape
         wrench = np.nan_to_num(effect.regressors(record.context, shape))
         for i in _of_day(effect):
             names.append((effect.name, effect.coefficients[i].name))
@@ -94,7 +113,8 @@ def learn_day(
             precision += weight * x[rows, axis].T @ x[rows, axis]
             towards += weight * x[rows, axis].T @ y[:, axis]
         values = np.asarray(np.linalg.solve(precision, towards), dtype=float)
-    return Day(tuple(names), values, x, _said(record.context, names, values, known))
+    said = _said(record.context, names, values, known)
+    return Day(names=tuple(names), values=values, columns=x, said=said, shapes=shapes)
 
 
 def _said(

@@ -16,14 +16,22 @@ from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import known_day, learnt_from
 from replay.diagnosis.answer import UNITS, rms_interval
 from replay.diagnosis.diagnose import read_records
+from replay.flightlog import FlightLog
+from replay.logs.formats import load
 from replay.numbers import rounded
+from replay.predict.ahead import ahead_as_json, ahead_as_text
 from replay.predict.day import LEARNING_S, Day, learn_day, learning_time
+from replay.predict.horizon import Foretold, foretell
+from replay.predict.rollout import FlightModel
+from replay.predict.windows import windows
 from replay.residual.grid import Mask
-from replay.residual.record import Record
+from replay.residual.record import Record, fly_again
 from replay.search.regimes import regimes
 
 LEAST_S = 4.0
 """A regime, or what follows the learning of wind and load, has to last so long [s]."""
+MOMENTS = (3, 4, 5)
+"""Axes without which attitude and rates cannot be foretold."""
 Errors = dict[str, dict[str, Any]]
 """By axis: RMS without the adopted effects and with them, its 95 % ``interval``, and the unit."""
 
@@ -55,6 +63,8 @@ class Prediction:
     flights: tuple[Predicted, ...]
     frozen: bool
     notes: tuple[str, ...]
+    ahead: tuple[Foretold, ...] = ()
+    """Motion ahead of measured states, where it was asked for."""
 
     @property
     def records(self) -> list[Record]:
@@ -107,6 +117,8 @@ class Prediction:
                 "notes": self.notes,
             }
         )
+        if self.ahead:
+            content |= rounded(ahead_as_json(self.ahead))
         return content
 
     def as_text(self) -> str:
@@ -122,6 +134,8 @@ class Prediction:
         ]
         for name, (lasted, errors) in self.regimes().items():
             lines += [f"  {name} ({lasted:.0f} s)", *(f"  {line}" for line in _lines(errors))]
+        if self.ahead:
+            lines += ahead_as_text(self.ahead)
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
 
@@ -131,12 +145,14 @@ def predict(
     model: FanSurrogate,
     *,
     frozen: bool = False,
+    horizon_s: float | None = None,
     target_system: int | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Prediction:
     """Residuals of flights with and without the effects that a model adopted; nothing of the vehicle is fitted.
 
     Without ``frozen`` the first ``LEARNING_S`` of each flight say what belongs to its day, and the rest is judged.
+    ``horizon_s``: the motion is foretold, too, from every measured state so far ahead.
     """
     logs = list(dict.fromkeys(paths))
     if len(logs) == len(paths):
@@ -166,7 +182,64 @@ def predict(
     notes += [
         f"{f.record.name}: the model was made from this log" for f in flights if f.learnt_from
     ]
-    return Prediction(tuple(flights), frozen, (*notes, *dict.fromkeys((*said, *said_bare))))
+    ahead: list[Foretold] = []
+    if horizon_s is not None:
+        ahead, unforetold = _ahead(flights, vehicle, model, horizon_s, target_system)
+        notes += unforetold
+    every_note = (*notes, *dict.fromkeys((*said, *said_bare)))
+    return Prediction(tuple(flights), frozen, every_note, tuple(ahead))
+
+
+def _ahead(
+    flights: Sequence[Predicted],
+    vehicle: Vehicle,
+    model: FanSurrogate,
+    horizon_s: float,
+    target_system: int | None,
+) -> tuple[list[Foretold], list[str]]:
+    """Motion ahead on every flight, and why it is not told on some. Raises LogError where it is told on none."""
+    declared = FlightModel(vehicle, model.with_effects(()))
+    out = []
+    problems = []
+    for path in dict.fromkeys(f.record.path for f in flights):
+        parts: list[FlightLog] = []
+        for boot in load(path, target_system):
+            parts += boot.stretches()
+        for flight in flights:
+            if flight.record.path == path:
+                amended = FlightModel(vehicle, model, flight.day.effects() if flight.day else ())
+                try:
+                    flown = fly_again(_part_of(parts, flight), vehicle, model, model.effects)
+                    cut = windows(flown, horizon_s, _begins_s(flight))
+                except LogError as error:
+                    problems.append(error)
+                    continue
+                turning = set(MOMENTS) <= set(flown.doubts.axes)
+                name = flight.record.name
+                out.append(foretell(name, flown, cut, declared, amended, turning=turning))
+    if not out:
+        raise problems[0]
+    notes = [str(error) for error in problems]
+    for f in out:
+        if not f.turning:
+            notes.append(
+                f"{f.log}: moments cannot be judged: the measured attitude is used ahead, and only "
+                "place and velocity are foretold"
+            )
+    return out, notes
+
+
+def _part_of(parts: Sequence[FlightLog], flight: Predicted) -> FlightLog:
+    """The stretch of a log that a flight was made of."""
+    begins = float(flight.record.time_s[0])
+    return next(p for p in reversed(parts) if p.start_s <= begins + flight.record.step_s)
+
+
+def _begins_s(flight: Predicted) -> float:
+    """From when on windows are cut: after what the day was learnt from."""
+    if flight.day is None:
+        return float(flight.record.time_s[0])
+    return float(flight.record.time_s[learning_time(flight.record)][-1])
 
 
 def predicted(record: Record, bare: Record, model: FanSurrogate, *, frozen: bool) -> Predicted:

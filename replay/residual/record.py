@@ -18,7 +18,7 @@ from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, LogFault, SourceChoice
 from replay.residual.delays import Delay, commanded, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
-from replay.residual.faults import doubted, without_stuck_beams
+from replay.residual.faults import Doubts, doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.held_down import DID_NOT_FLY
 from replay.residual.log_state import (
@@ -34,7 +34,7 @@ from replay.residual.motor_failure import motor_faults
 from replay.residual.reassigned import motors_reassigned
 from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
-from replay.residual.validity import Airborne, Excluded, airborne, judged_time
+from replay.residual.validity import Airborne, Excluded, JudgedTime, airborne, judged_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,14 +76,36 @@ class Record:
         return float(self.valid.sum() * self.step_s)
 
 
-def build_record(
+@dataclass(frozen=True, kw_only=True)
+class Flown:
+    """A flight at the raw rate of its log, ``n`` rows, before anything is smoothed."""
+
+    log: FlightLog
+    motion: Trajectory
+    context: Context
+    modelled: Array
+    measured: Array
+    """Wrenches (n, 6)."""
+    air: Airborne
+    time: JudgedTime
+    """What of it can be judged."""
+    doubts: Doubts
+    """Axes that are judged, and faults that take some of them."""
+    motors: tuple[LogFault, ...]
+    """Motors that failed."""
+    stuck: tuple[LogFault, ...]
+    """Range sensors that repeat one reading."""
+    delays: tuple[Delay, ...]
+    notes: tuple[str, ...]
+
+
+def fly_again(
     log: FlightLog,
     vehicle: Vehicle,
     model: FanSurrogate | None,
     effects: tuple[AdoptedEffect, ...] = (),
-    name: str = "",
-) -> Record:
-    """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
+) -> Flown:
+    """A log's motion, and the wrench that the model has for it, on one clock. Raises LogError in one line."""
     motion = read_motion(log, vehicle)
     log, stuck = without_stuck_beams(log)
     grid = motion.grid
@@ -94,7 +116,6 @@ def build_record(
     state, left_out, said = resolved(log, vehicle, grid, state, air.flying)
     context = Context(state=state, vehicle=vehicle, model=model)
     modelled = _modelled(context, effects)
-    measured = _measured(motion, vehicle)
     motors = motor_faults(log, context, motion, air.flying)
     begins_s = min((f.since_s for f in motors if f.since_s is not None), default=np.inf)
     failed = ("after a motor failed", grid.t >= begins_s - grid.smooth_s)
@@ -105,14 +126,45 @@ def build_record(
     )
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)
-    residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
+    return Flown(
+        log=log,
+        motion=motion,
+        context=context,
+        modelled=modelled,
+        measured=_measured(motion, vehicle),
+        air=air,
+        time=time,
+        doubts=doubts,
+        motors=tuple(motors),
+        stuck=tuple(stuck),
+        delays=delays,
+        notes=(*notes, *unseen_surfaces(log, vehicle), *said, *time.notes),
+    )
+
+
+def build_record(
+    log: FlightLog,
+    vehicle: Vehicle,
+    model: FanSurrogate | None,
+    effects: tuple[AdoptedEffect, ...] = (),
+    name: str = "",
+) -> Record:
+    """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
+    flown = fly_again(log, vehicle, model, effects)
+    motion = flown.motion
+    grid = motion.grid
+    time = flown.time
+    doubts = flown.doubts
+    judged = time.valid[:, None]
+    residual = grid.smooth(np.where(judged, flown.measured - flown.modelled, np.nan))
     residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0
-    kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
+    kinematic = grid.smooth(np.where(judged, motion.kinematic_bias, np.nan))
     derived = derived_accelerometer(motion, time.valid)
-    small = decimated(state, grid)
+    small = decimated(flown.context.state, grid)
     valid = np.isfinite(residual).all(axis=1) & time.valid[:: grid.every]
-    flown = small.time_s[valid]
-    rotors = delays[0]
+    airborne_s = small.time_s[valid]
+    rotors = flown.delays[0]
+    faults = (*flown.motors, *flown.stuck, *doubts.faults)
     record = Record(
         name=name or log.path.name,
         path=log.path,
@@ -123,24 +175,24 @@ def build_record(
             clock_moved_s=max(rotors.correction_s, 0.0),
             commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
             accelerometer=not derived,
-            judged_s=(float(flown[0]), float(flown[-1])) if len(flown) else None,
+            judged_s=(float(airborne_s[0]), float(airborne_s[-1])) if len(airborne_s) else None,
         ),
         residual=residual,
-        measured=grid.smooth(np.where(time.valid[:, None], measured, np.nan)),
+        measured=grid.smooth(np.where(judged, flown.measured, np.nan)),
         valid=valid,
         axes=doubts.axes,
         step_s=grid.every / grid.rate,
         kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,
         channels=named_channels(vehicle, small),
-        delays=delays,
+        delays=flown.delays,
         excluded=time.excluded,
-        notes=(*notes, *unseen_surfaces(log, vehicle), *said, *time.notes),
-        faults=(*motors, *stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
+        notes=flown.notes,
+        faults=(*faults, DERIVED_ACCELEROMETER) if derived else faults,
         blind=doubts.blind,
         sources=log.sources,
     )
     if record.seconds < SHORTEST_S:
-        raise _why_short(record, log, context, motion, air)
+        raise _why_short(record, flown)
     return record
 
 
@@ -191,16 +243,15 @@ def _measured(motion: Trajectory, vehicle: Vehicle) -> Array:
     )
 
 
-def _why_short(
-    record: Record, log: FlightLog, context: Context, motion: Trajectory, air: Airborne
-) -> LogError:
+def _why_short(record: Record, flown: Flown) -> LogError:
     """Why too little of a log can be judged: it did not fly, or most of it is lost."""
-    if air.never:
-        return LogError(f"{log.path}: {DID_NOT_FLY}")
-    if not air.flying.any():
-        slow = too_slow_to_fly(log, context, motion)
+    path = flown.log.path
+    if flown.air.never:
+        return LogError(f"{path}: {DID_NOT_FLY}")
+    if not flown.air.flying.any():
+        slow = too_slow_to_fly(flown.log, flown.context, flown.motion)
         if slow is not None:
-            return LogError(f"{log.path}: {slow}")
+            return LogError(f"{path}: {slow}")
     return too_short(record)
 
 

@@ -15,7 +15,7 @@ from companion import vehicles
 from companion.vehicles import default_vehicle
 from models.air_state import AirState, blank_state
 from models.common.errors import ModelError
-from models.common.frames import AXES
+from models.common.frames import AXES, Array
 from models.effects import (
     AdoptedEffect,
     Context,
@@ -26,32 +26,10 @@ from models.effects import (
     corrected_state,
     get,
 )
+from models.effects.momentum_thrust import induced
 from models.vehicle import Throttle, load_vehicle
 
-NAMES = [
-    "ceiling",
-    "second_wall",
-    "partial_ground",
-    "wind",
-    "rotor_drag",
-    "body_drag",
-    "vertical_inflow",
-    "air_density",
-    "thrust_scale",
-    "fan_imbalance",
-    "payload",
-    "cg_offset",
-    "range_offset",
-    "imu_bias",
-    "thermal_derating",
-    "battery_sag",
-    "gyroscopic",
-    "ground_effect",
-    "wall_effect",
-    "motor_lag",
-    "contact",
-    "slung_load",
-]
+NAMES = [effect.name for effect in catalogue()]
 
 
 def flight(n: int = 200) -> AirState:
@@ -237,6 +215,46 @@ def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
         model=ctx.model,
     )
     assert fz("ceiling", dark, gain=1.0, scale=1.0) == 0.0
+
+
+def moments(name: str, ctx: Context, **parameters: float) -> Array:
+    return get(name).wrench(ctx, parameters)[0, 3:]
+
+
+def test_a_trim_is_the_same_moment_whatever_the_rotors_do(ctx: Context) -> None:
+    trim = get("trim_moment").wrench(ctx, {"roll": 0.1, "pitch": -0.2, "yaw": 0.3})
+    assert trim[:, :3] == pytest.approx(0.0)
+    assert trim[:, 3:] == pytest.approx(np.tile([0.1, -0.2, 0.3], (len(trim), 1)))
+
+
+def test_airflow_from_ahead_lifts_the_nose(ctx: Context) -> None:
+    level = np.broadcast_to(np.eye(3), ctx.state.rotation.shape)
+    ahead = np.broadcast_to([2.0, 0.0, 0.0], ctx.state.velocity_ned.shape)
+    left = np.broadcast_to([0.0, -2.0, 0.0], ctx.state.velocity_ned.shape)
+    one = replace(ctx, state=replace(ctx.state, rotation=level, velocity_ned=ahead))
+    other = replace(ctx, state=replace(ctx.state, rotation=level, velocity_ned=left))
+    roll, pitch, yaw = moments("flapping_moment", one, roll=1.0, pitch=1.0)
+    assert pitch > 0.0
+    assert (roll, yaw) == (0.0, 0.0)
+    roll, pitch, yaw = moments("flapping_moment", other, roll=1.0, pitch=1.0)
+    assert roll > 0.0
+    assert (pitch, yaw) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 3.0])
+def test_induced_velocity_is_that_of_momentum_theory(share: float) -> None:
+    """Thrust is the mass flow through the disc times what the fan adds: v sqrt(V^2 + v^2) = h^2."""
+    hover = np.array([5.0])
+    level = share * 5.0
+    v = induced(hover, level)
+    assert v * np.sqrt(level**2 + v**2) == pytest.approx(hover**2)
+
+
+def test_a_fan_lifts_more_at_speed(ctx: Context) -> None:
+    level = np.broadcast_to(np.eye(3), ctx.state.rotation.shape)
+    fast = np.broadcast_to([12.0, 0.0, 0.0], ctx.state.velocity_ned.shape)
+    moving = replace(ctx, state=replace(ctx.state, rotation=level, velocity_ned=fast))
+    assert fz("momentum_thrust", moving, slope=4.0) < 0.0
 
 
 def test_an_unknown_name_is_refused() -> None:

@@ -1,0 +1,196 @@
+"""Motion ahead of a measured state: mechanics that are known exactly, and a flight that is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from field_case_logs import bin_log
+
+import replay
+from models.common.errors import ConfigError
+from models.common.frames import GRAVITY, Array
+from models.effects import AdoptedEffect
+from models.vehicle import Vehicle, load_vehicle
+from replay import FlightModel, rollout
+from replay.cli import main
+from replay.predict.rollout import POSITION, QUATERNION, RATES, VELOCITY, Surroundings
+from tests.replay.rigid_flight import RATE_HZ, fly
+
+SHIPPED = Path(__file__).parents[2] / "companion" / "vehicles" / "quad.toml"
+STEP_S = 0.01
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle(SHIPPED)
+
+
+def at_rest(windows: int = 1) -> Array:
+    states = np.zeros((windows, 13))
+    states[:, 6] = 1.0
+    return states
+
+
+def still(vehicle: Vehicle, steps: int) -> Array:
+    """Rotors that do not turn."""
+    return np.zeros((1, steps, len(vehicle.rotors)))
+
+
+def hover(vehicle: Vehicle, steps: int) -> Array:
+    """Speeds at which the empty model carries the weight."""
+    thrust = FlightModel(vehicle)
+    state = at_rest()
+    speed = 1000.0
+    fell = rollout(thrust, state, np.full((1, 1, len(vehicle.rotors)), speed))[0, 0, 5] / STEP_S
+    lift = GRAVITY - fell
+    return np.full((1, steps, len(vehicle.rotors)), speed * np.sqrt(GRAVITY / lift))
+
+
+def test_without_thrust_it_falls(vehicle: Vehicle) -> None:
+    out = rollout(FlightModel(vehicle), at_rest(), still(vehicle, 50))
+    assert out.shape == (1, 50, 13)
+    assert out[0, -1, VELOCITY] == pytest.approx([0.0, 0.0, GRAVITY * 0.5])
+    assert out[0, -1, POSITION] == pytest.approx([0.0, 0.0, 0.5 * GRAVITY * 0.25])
+
+
+def test_it_stays_where_thrust_is_its_weight(vehicle: Vehicle) -> None:
+    out = rollout(FlightModel(vehicle), at_rest(), hover(vehicle, 100))
+    assert np.abs(out[0, -1] - at_rest()[0]).max() < 1e-6
+
+
+def test_turning_about_a_main_axis_goes_on(vehicle: Vehicle) -> None:
+    state = at_rest()
+    state[0, RATES] = [0.0, 0.0, 2.0]
+    out = rollout(FlightModel(vehicle), state, still(vehicle, 50))
+    assert out[0, -1, RATES] == pytest.approx([0.0, 0.0, 2.0])
+    assert out[0, -1, QUATERNION] == pytest.approx([np.cos(0.5), 0.0, 0.0, np.sin(0.5)])
+
+
+def test_without_a_moment_the_angular_momentum_stays(vehicle: Vehicle) -> None:
+    """A body that tumbles about no main axis keeps its angular momentum in the world."""
+    state = at_rest()
+    state[0, RATES] = [1.0, 2.0, 3.0]
+    steps = 1000
+    out = rollout(FlightModel(vehicle), state, still(vehicle, steps), step_s=1e-3)
+    inertia = np.asarray(vehicle.inertia_kgm2)
+    end = replay.predict.rollout.rotation_from_quaternion(out[0, -1, QUATERNION])
+    assert end @ (inertia * out[0, -1, RATES]) == pytest.approx(inertia * state[0, RATES], rel=5e-3)
+
+
+def test_a_load_makes_it_sink_as_newton_says(vehicle: Vehicle) -> None:
+    """Thrust m g carries m + dm, so that a quarter more is missed as dF = -T dm / (m + dm)."""
+    load = AdoptedEffect("payload", {"mass": vehicle.mass_kg / 5.0})
+    out = rollout(FlightModel(vehicle, effects=(load,)), at_rest(), hover(vehicle, 20))
+    assert out[0, -1, 5] == pytest.approx(0.2 * GRAVITY * (1.0 - 1.0 / 1.25), rel=1e-3)
+
+
+def test_ground_is_as_far_as_it_has_moved(vehicle: Vehicle) -> None:
+    """Ground effect falls off over a length: it is felt more by what sinks into it."""
+    law = AdoptedEffect("ground_effect", {"gain": 0.3, "length_radii": 3.0})
+    model = FlightModel(vehicle, effects=(law,))
+    fans = len(vehicle.fans)
+    high = Surroundings(
+        h_m=np.full((1, fans), 2.0), d_m=np.full((1, fans), np.inf), wall_bearing_rad=np.zeros(1)
+    )
+    state = at_rest()
+    state[0, VELOCITY] = [0.0, 0.0, 2.0]
+    free = rollout(model, state, hover(vehicle, 90))
+    near = rollout(model, state, hover(vehicle, 90), near=high)
+    slowed = free[0, :, 5] - near[0, :, 5]
+    assert slowed[10] < 0.1 * slowed[-1]
+    assert slowed[-1] > 0.1
+
+
+def test_a_known_flight_is_foretold(vehicle: Vehicle) -> None:
+    """From every second of it half a second ahead: rates and attitude by the rotors' speeds alone."""
+    flight = fly(vehicle)
+    steps = int(RATE_HZ) // 2
+    starts = np.arange(int(RATE_HZ), len(flight.t) - steps - 1, int(RATE_HZ))
+    rows = starts[:, None] + np.arange(steps)
+    states = np.column_stack([flight.position, flight.velocity, flight.quaternion, flight.rates])
+    out = rollout(FlightModel(vehicle), states[starts], flight.speed[rows], step_s=1.0 / RATE_HZ)
+    error = np.linalg.norm(out[:, -1, RATES] - states[starts + steps, RATES], axis=1)
+    moved = np.linalg.norm(states[starts, RATES] - states[starts + steps, RATES], axis=1)
+    assert error.mean() < 0.1 * moved.mean()
+
+
+@pytest.mark.parametrize(
+    ("states", "inputs", "message"),
+    [
+        (np.zeros((2, 12)), np.zeros((2, 5, 4)), r"states have the shape \(2, 12\)"),
+        (np.zeros((2, 13)), np.zeros((3, 5, 4)), r"inputs have the shape \(3, 5, 4\)"),
+        (np.zeros((2, 13)), np.zeros((2, 5, 3)), r"not \(2, steps, 4\)"),
+    ],
+)
+def test_shapes_that_do_not_fit(
+    vehicle: Vehicle, states: Array, inputs: Array, message: str
+) -> None:
+    quad = replace(vehicle)
+    with pytest.raises(ConfigError, match=message):
+        rollout(FlightModel(quad), states, inputs)
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """A log, the vehicle drafted from it, and the model that its diagnosis made."""
+    folder = tmp_path_factory.mktemp("ahead")
+    log = folder / "flight.BIN"
+    bin_log().write(log)
+    vehicle = folder / "vehicle.toml"
+    model = folder / "model"
+    saved = ["--save-vehicle", str(vehicle), "--save-model", str(model)]
+    assert main(["diagnose", str(log), "--mass", "2", "--quiet", *saved]) == 0
+    return log, vehicle, model
+
+
+def predict(asked: tuple[Path, Path, Path], *more: str) -> int:
+    log, vehicle, model = asked
+    return main(
+        ["predict", str(log), "--vehicle", str(vehicle), "--model", str(model), "--frozen", *more]
+    )
+
+
+def test_the_command_tells_the_error_by_horizon(
+    asked: tuple[Path, Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "answer.json"
+    page = ["--report", str(tmp_path)]
+    assert predict(asked, "--horizon", "0.5", "--json", str(file), *page) == 0
+    assert "motion ahead of" in capsys.readouterr().out
+    assert "Motion ahead" in (tmp_path / "report.html").read_text()
+    answer = json.loads(file.read_text())
+    assert set(answer["horizon"]) == {"position", "velocity", "attitude", "rates"} or set(
+        answer["horizon"]
+    ) == {"position", "velocity"}
+    last = answer["horizon"]["velocity"][-1]
+    assert last["s"] == pytest.approx(0.5, abs=0.03)
+    assert last["interval"][0] < last["mae"] < last["interval"][1]
+    assert last["mae"] < last["mae_naive"]
+    counted = answer["windows"]
+    assert counted["judged"] > 0
+    assert counted["diverged"] == 0
+    assert answer["worst_windows"][0]["velocity"] >= last["mae"]
+
+
+def test_a_horizon_longer_than_the_log_is_one_line(
+    asked: tuple[Path, Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, *_ = asked
+    short = predict(asked, "--horizon", "10")
+    said = capsys.readouterr()
+    if short != 0:
+        assert short == 3
+        assert len(said.err.strip().splitlines()) == 1
+        assert str(log) in said.err
+        assert "--horizon" in said.err
+
+
+@pytest.mark.parametrize("wrong", ["0", "-1", "nan", "soon", "60"])
+def test_a_horizon_that_is_no_time(asked: tuple[Path, Path, Path], wrong: str) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        predict(asked, "--horizon", wrong)
+    assert stopped.value.code == 2
