@@ -1,11 +1,33 @@
 """The flight program: MAVLink in, offset commands out.
 
-``pipeline.step(state, sample, config)`` is the whole of what is decided; ``pipeline.initial_state(config)`` starts it.
-It is pure: the live loop (``companion.flight``) and a replay (``replay.rerun``) get the same decisions from it.
+``companion.step(state, sample, config)`` is all that is decided; ``companion.initial_state(config)`` starts it. It is
+pure: the live loop (``companion.flight``) and a replay (``replay.rerun``) get the same decisions from it.
 """
 
-import logging
+from __future__ import annotations
 
-logging.getLogger(__name__).addHandler(
-    logging.NullHandler()
-)  # a program that imports this decides what is shown
+import logging
+from typing import TYPE_CHECKING
+
+from models.common.lazy_exports import exports
+
+if TYPE_CHECKING:
+    from companion.config import PipelineConfig
+    from companion.control.state import Decision, PipelineState
+    from companion.pipeline import initial_state, step
+
+    __version__: str
+
+__all__ = ["Decision", "PipelineConfig", "PipelineState", "initial_state", "step"]
+
+_HOMES = {
+    "PipelineConfig": "companion.config",
+    "Decision": "companion.control.state",
+    "PipelineState": "companion.control.state",
+    "initial_state": "companion.pipeline",
+    "step": "companion.pipeline",
+}
+__getattr__, __dir__ = exports(__name__, _HOMES)
+
+# A program that imports this decides what is shown.
+logging.getLogger(__name__).addHandler(logging.NullHandler())

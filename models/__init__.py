@@ -1,7 +1,8 @@
 """What the air does: data, training, surrogates, effects. Numerics only; no MAVLink.
 
-``models.load(DIR)`` gives the surrogate of a fan, ``models.load()`` the shipped one; neither needs torch. Names are
-looked up when first used, so that importing a module of this package costs no more than that module.
+``models.load(DIR)`` gives the surrogate of a fan, ``models.load()`` the shipped one; neither needs torch.
+``models.train(DATA)`` makes one. Names are looked up when first used, so that importing a module of this package costs
+no more than that module.
 """
 
 from __future__ import annotations
@@ -12,9 +13,15 @@ from models.common.lazy_exports import exports
 
 if TYPE_CHECKING:
     from models.surrogate.store import load, save_model
+    from models.training.library import train
 
     __version__: str
 
-__all__ = ["load", "save_model"]
+__all__ = ["load", "save_model", "train"]
 
-__getattr__, __dir__ = exports(__name__, dict.fromkeys(__all__, "models.surrogate.store"))
+_HOMES = {
+    "load": "models.surrogate.store",
+    "save_model": "models.surrogate.store",
+    "train": "models.training.library",
+}
+__getattr__, __dir__ = exports(__name__, _HOMES)

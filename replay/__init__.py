@@ -1,6 +1,7 @@
 """Recorded flights through the same pipeline, and the loop closed with measured data.
 
-``load(LOG)`` reads a log as flights in SI units; ``diagnose(LOGS)`` says what the model of the vehicle lacks.
+``load(LOG)`` reads a log as flights in SI units. ``diagnose(LOGS)`` says what the model of the vehicle lacks;
+``Diagnosis`` is the same as an estimator with ``fit``, ``predict`` and ``score``. ``rollout`` moves a model ahead.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 from models.common.lazy_exports import exports
 
 if TYPE_CHECKING:
-    from replay.diagnosis.answer import Diagnosis
+    from replay.estimator import Diagnosis
     from replay.flightlog import FlightLog
     from replay.logs.formats import load
     from replay.notebook import diagnose
@@ -31,7 +32,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Diagnosis": "replay.diagnosis.answer",
+    "Diagnosis": "replay.estimator",
     "FlightLog": "replay.flightlog",
     "FlightModel": "replay.predict.rollout",
     "Record": "replay.residual.record",

@@ -18,6 +18,10 @@ class ModelError(UserError):
     """A data set or a model directory is wrong, or of another schema."""
 
 
+class NotFittedError(UserError):
+    """An estimator is asked before it was fitted."""
+
+
 class LogError(UserError):
     """A log cannot be read, or lacks the messages the task needs."""
 

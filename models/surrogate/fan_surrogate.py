@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
 from models.surrogate.free_air import FreeAir
+
+if TYPE_CHECKING:
+    from models.common.pages.shown import ShownPage
 
 # Points computed at once: bounds the memory.
 CHUNK = 65536
@@ -113,6 +116,31 @@ class FanSurrogate:
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """Total wrench (..., 6) of the fan in N and N m, corner frame."""
         return self.query(h, d, rpm).wrench
+
+    def predict(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """The same as ``wrench``, by the name that estimators have for it."""
+        return self.wrench(h, d, rpm)
+
+    def plot(self, rpm: float | None = None) -> ShownPage:
+        """Lift, pull and moment over height and over distance, as a page; ``rpm`` [1/min]: None for a usual speed."""
+        from models.surrogate.pictures import surfaces
+
+        return surfaces(self, rpm)
+
+    def __repr__(self) -> str:
+        method = self.info.get("method", self.regressor.kind)
+        rows = self.info.get("data", {}).get("rows")
+        radius = self.info.get("fan", {}).get("radius_m")
+        parts = [f"method={method!r}"]
+        if rows is not None:
+            parts.append(f"rows={rows}")
+        if radius is not None:
+            parts.append(f"rotor_radius_m={radius:g}")
+        parts.append(f"effects={[e.name for e in self.effects]}")
+        return f"FanSurrogate({', '.join(parts)})"
+
+    def _repr_html_(self) -> str:
+        return self.plot()._repr_html_()
 
     def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread."""

@@ -14,8 +14,8 @@ from replay.search.channel import hundredths
 from replay.search.estimates import LEARNT, IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import TRUST, Fit
 from replay.search.held_out import FlightFit, flight_fits
-from replay.search.regimes import LEAST_S, regimes
 from replay.search.outside import beside_surfaces
+from replay.search.regimes import LEAST_S, regimes
 from replay.search.sets import Walked, aliases, class_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
