@@ -77,6 +77,12 @@ def add_folder_options(p: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="answers, table and, without --report, the page (default: NAME-COMMAND, here)",
     )
+    g.add_argument(
+        "--retry", action="store_true", help="ask again what failed for want of memory or time"
+    )
+    g.add_argument(
+        "--refresh", action="store_true", help="ask again what an older version answered"
+    )
     g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
     g.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files"

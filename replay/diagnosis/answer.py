@@ -160,6 +160,7 @@ class Diagnosis(Searched):
             {
                 "logs": list(dict.fromkeys(str(r.path) for r in self.records)),
                 "source": {r.name: sources_json(r.sources) for r in self.records},
+                "identity": self._identity(),
                 "samples": int(sum(r.valid.sum() for r in self.records)),
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
@@ -213,6 +214,13 @@ class Diagnosis(Searched):
             }
         )
         return content
+
+    def _identity(self) -> dict[str, str]:
+        """Which vehicle flew, by the first log that says it."""
+        known = [r.identity for r in self.records if r.identity is not None]
+        if known:
+            return known[0].as_json()
+        return {}
 
     def as_text(self) -> str:
         """A few lines for a person."""

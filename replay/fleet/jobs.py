@@ -26,19 +26,23 @@ _USABLE_BYTES = 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 """The rest of the machine's memory is for the system and the file cache."""
 _NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
 """Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
+_DIGITS = 20
+"""Of a hash, in the name of a file."""
 _MOST_LINES = 20
 """Of an error."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Job:
     """One log and the command that answers it."""
 
     log: Path
     words: tuple[str, ...]
     """What follows ``replay``; places are absolute."""
-    name: str
-    """Changes with log, vehicle file, model, options and program: an old answer is then void."""
+    sha256: str
+    """Of the log's content: a copy, or a log that was moved, is the same log."""
+    question: str
+    """Changes with vehicle file, model and options."""
     pages: Path | None = None
     """Folder for a folder with the page of this log; None: no page."""
 
@@ -47,22 +51,32 @@ class Job:
         cls, command: str, log: Path, options: Mapping[str, Any], pages: Path | None = None
     ) -> Job:
         """``options`` by their names on the command line; those that are None are left out, of lists each is given."""
-        words = [command, str(log)]
+        words = []
         for option, value in options.items():
             words += [
                 f"{option}={v}"
                 for v in (value if isinstance(value, list) else [value])
                 if v is not None
             ]
-        stat = log.stat()
-        digest = hashlib.sha256(
-            json.dumps([words, installed_version(), stat.st_size, stat.st_mtime_ns]).encode()
-        )
+        digest = hashlib.sha256(json.dumps([command, *words]).encode())
         vehicle, model = (Path(options.get(name) or "") for name in ("--vehicle", "--model"))
         for file in (vehicle, model / "model.json", model / "weights.npz"):
             if file.is_file():
                 digest.update(file.read_bytes())
-        return cls(log, tuple(words), f"{log.stem}-{digest.hexdigest()[:20]}", pages)
+        with log.open("rb") as content_file:
+            content = hashlib.file_digest(content_file, "sha256").hexdigest()
+        return cls(
+            log=log,
+            words=(command, str(log), *words),
+            sha256=content,
+            question=digest.hexdigest()[:_DIGITS],
+            pages=pages,
+        )
+
+    @property
+    def name(self) -> str:
+        """Of the files of the answer."""
+        return f"{self.sha256[:_DIGITS]}-{self.question}"
 
     @property
     def page(self) -> Path | None:
@@ -105,11 +119,21 @@ def perform(job: Job) -> dict[str, Any]:
     _running.remove(process)
     if process.returncode:
         line = error_text(errors.replace(f"{job.log}: ", ""), process.returncode).splitlines()[-1]
-        answer = {"error": line}
+        answer = {"error": line, "passing": process.returncode < 0 or "MemoryError" in errors}
     else:
         answer = json.loads(said)
     taken_s = round(time.monotonic() - start, 2)
-    return {**answer, "log": str(job.log), **recorded(job.log), "wall_s": taken_s}
+    return {**answer, **about(job), "wall_s": taken_s}
+
+
+def about(job: Job) -> dict[str, Any]:
+    """What every answer says of its log."""
+    return {
+        "log": str(job.log),
+        "sha256": job.sha256,
+        "version": installed_version(),
+        **recorded(job.log),
+    }
 
 
 def error_text(stderr: str, code: int) -> str:
@@ -139,7 +163,7 @@ def work(
                     yield job, future.result()
                 else:  # a worker of the cluster died with it
                     error = f"its worker failed ({type(problem).__name__}: {problem})"
-                    yield job, {"error": error, "log": str(job.log), **recorded(job.log)}
+                    yield job, {"error": error, "passing": True, **about(job)}
         finally:
             for future in futures:
                 future.cancel()

@@ -35,6 +35,7 @@ from replay.residual.reassigned import motors_reassigned
 from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Airborne, Excluded, JudgedTime, airborne, judged_time
+from replay.vehicle.identity import VehicleIdentity, identity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +65,8 @@ class Record:
     """Axes that are not judged because of a fault, but on which something acts all the same."""
     sources: tuple[SourceChoice, ...] = ()
     """Which instance each quantity was read from."""
+    identity: VehicleIdentity | None = None
+    """Which vehicle flew, as far as its log says."""
 
     @property
     def time_s(self) -> Array:
@@ -190,6 +193,7 @@ def build_record(
         faults=(*faults, DERIVED_ACCELEROMETER) if derived else faults,
         blind=doubts.blind,
         sources=log.sources,
+        identity=identity(log),
     )
     if record.seconds < SHORTEST_S:
         raise _why_short(record, flown)

@@ -1,0 +1,173 @@
+"""The store of a folder's answers: one SQLite file that anybody can query.
+
+SQLite, since it is part of Python, is one file, and lets several runs write in turn. A log is known by its content
+(sha256), so that a copy or a moved archive is no new log. Tables and columns: docs/formats.md.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from models.common.errors import ConfigError
+
+NAME = "store.sqlite"
+SCHEMA = 1
+WAIT_S = 60.0
+"""So long a run waits for another one that writes."""
+_TABLES = """
+CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS logs (
+    sha256 TEXT NOT NULL, question TEXT NOT NULL, path TEXT NOT NULL,
+    vehicle TEXT, board TEXT, firmware TEXT, frame TEXT, parameters TEXT,
+    date TEXT, date_from TEXT, verdict TEXT, judged_s REAL, axes TEXT,
+    error TEXT, passing INTEGER NOT NULL, version TEXT, wall_s REAL,
+    PRIMARY KEY (sha256, question)
+);
+CREATE TABLE IF NOT EXISTS effects (
+    sha256 TEXT NOT NULL, question TEXT NOT NULL, effect TEXT NOT NULL, parameter TEXT NOT NULL,
+    value REAL, low REAL, high REAL, unit TEXT, probability REAL, explains REAL, kept INTEGER,
+    since_s REAL
+);
+CREATE TABLE IF NOT EXISTS faults (
+    sha256 TEXT NOT NULL, question TEXT NOT NULL, channel TEXT NOT NULL, what TEXT NOT NULL
+);
+CREATE INDEX IF NOT EXISTS effects_of_log ON effects (sha256, question);
+CREATE INDEX IF NOT EXISTS faults_of_log ON faults (sha256, question);
+CREATE INDEX IF NOT EXISTS logs_of_vehicle ON logs (vehicle, date);
+"""
+_LOG_COLUMNS = (
+    "sha256",
+    "question",
+    "path",
+    "vehicle",
+    "board",
+    "firmware",
+    "frame",
+    "parameters",
+    "date",
+    "date_from",
+    "verdict",
+    "judged_s",
+    "axes",
+    "error",
+    "passing",
+    "version",
+    "wall_s",
+)
+
+
+class Store:
+    """Answers on disk; every answer is written whole or not at all."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+
+    @classmethod
+    @contextmanager
+    def open(cls, path: Path, *, make: bool = False) -> Iterator[Store]:
+        """The store in a file, or in the folder of one. Raises ConfigError where it is none, or of another schema."""
+        file = path / NAME if path.is_dir() else path
+        if not make and not file.is_file():
+            raise ConfigError(f"{path}: holds no {NAME}; replay diagnose FOLDER writes one")
+        connection = sqlite3.connect(file, timeout=WAIT_S)
+        try:
+            connection.row_factory = sqlite3.Row
+            _prepare(file, connection)
+            yield cls(file, connection)
+        except sqlite3.Error as error:
+            raise ConfigError(f"{file}: {error}") from None
+        finally:
+            connection.close()
+
+    def add(self, question: str, answer: Mapping[str, Any]) -> None:
+        """Put an answer in place of an older one to the same question about the same log."""
+        key = (answer["sha256"], question)
+        row = log_row(question, answer)
+        marks = ", ".join("?" * len(_LOG_COLUMNS))
+        with self._connection as c:
+            for table in ("effects", "faults"):
+                c.execute(f"DELETE FROM {table} WHERE sha256 = ? AND question = ?", key)
+            c.execute(
+                f"INSERT OR REPLACE INTO logs ({', '.join(_LOG_COLUMNS)}) VALUES ({marks})",
+                [row[name] for name in _LOG_COLUMNS],
+            )
+            for effect in answer.get("effects", ()):
+                for numbers in effect_rows(effect):
+                    c.execute(
+                        "INSERT INTO effects VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                        (*key, *numbers),
+                    )
+            for fault in answer.get("log_faults", ()):
+                c.execute(
+                    "INSERT INTO faults VALUES (?, ?, ?, ?)",
+                    (*key, fault["channel"], fault["what"]),
+                )
+
+    def rows(self, query: str, values: tuple[Any, ...] = ()) -> list[sqlite3.Row]:
+        """What a query finds."""
+        return self._connection.execute(query, values).fetchall()
+
+
+def _prepare(file: Path, connection: sqlite3.Connection) -> None:
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.executescript(_TABLES)
+    found = connection.execute("SELECT value FROM meta WHERE key = 'schema'").fetchone()
+    if found is None:
+        with connection:
+            connection.execute("INSERT INTO meta VALUES ('schema', ?)", (str(SCHEMA),))
+    elif found["value"] != str(SCHEMA):
+        raise ConfigError(
+            f"{file}: is a store of schema {found['value']}, and this version writes {SCHEMA}; "
+            "give another --out"
+        )
+
+
+def log_row(question: str, answer: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of a log, by column."""
+    identity = answer.get("identity", {})
+    return {
+        "sha256": answer["sha256"],
+        "question": question,
+        "path": answer["log"],
+        "vehicle": identity.get("vehicle"),
+        "board": identity.get("board"),
+        "firmware": identity.get("firmware"),
+        "frame": identity.get("frame"),
+        "parameters": identity.get("parameters"),
+        "date": answer.get("date"),
+        "date_from": answer.get("date_from"),
+        "verdict": answer.get("verdict"),
+        "judged_s": answer.get("duration_s"),
+        "axes": " ".join(answer.get("axes", ())),
+        "error": answer.get("error"),
+        "passing": int(bool(answer.get("passing"))),
+        "version": answer.get("version"),
+        "wall_s": answer.get("wall_s"),
+    }
+
+
+def effect_rows(effect: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """A row for every parameter of an effect; one without a number where it has none."""
+    common = (
+        effect.get("probability"),
+        effect.get("explains"),
+        int(bool(effect.get("kept"))),
+        effect.get("since_s"),
+    )
+    parameters = effect.get("parameters") or {"": {}}
+    for name, number in parameters.items():
+        low, high = number.get("ci95") or (None, None)
+        yield (
+            effect["name"],
+            name,
+            number.get("value"),
+            low,
+            high,
+            number.get("unit"),
+            *common,
+        )

@@ -1,0 +1,85 @@
+"""Which vehicle a log is of: its board, or what is set up on it alone."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from models.common.errors import UserError
+from replay.flightlog import FlightLog
+from replay.vehicle.airframe import airframe
+
+_BOARD = re.compile(r"\b([0-9A-F]{8}) ?([0-9A-F]{8}) ?([0-9A-F]{8})\b")
+"""Unique number of a processor, in a text of start-up."""
+_FIRMWARE = re.compile(r"\b(ArduCopter|PX4|Copter)\b[^(]*")
+_OWN = re.compile(r"(INS_(ACC|GYR)\d?OFFS_|COMPASS_(DEV_ID|OFS)|CAL_(ACC|GYRO|MAG)\d_)")
+"""Parameters that were measured on this very board: offsets of its sensors."""
+_LEARNT = re.compile(r"(STAT_|MOT_THST_HOVER|BARO\d?_GND|LND_FLIGHT_T|COM_FLIGHT|SYS_|_TEMP)")
+"""Parameters that change by themselves."""
+_DIGITS = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleIdentity:
+    """What tells a vehicle from others; empty where a log does not say it."""
+
+    vehicle: str
+    """The key: by the board, else by the offsets of its sensors, else by frame and number."""
+    board: str
+    firmware: str
+    frame: str
+    parameters: str
+    """Hash of all parameters that stay as somebody set them."""
+
+    def as_json(self) -> dict[str, str]:
+        """Plain values."""
+        return {
+            "vehicle": self.vehicle,
+            "board": self.board,
+            "firmware": self.firmware,
+            "frame": self.frame,
+            "parameters": self.parameters,
+        }
+
+
+def identity(log: FlightLog) -> VehicleIdentity:
+    """By start-up texts and parameters."""
+    board = ""
+    firmware = ""
+    for _, _, text in log.texts:
+        number = _BOARD.search(text)
+        version = _FIRMWARE.search(text)
+        if number is not None and not board:
+            board = "".join(number.groups())
+        if version is not None and not firmware:
+            firmware = version[0].strip()
+    frame = _frame(log)
+    own = {name: value for name, value in log.parameters.items() if _OWN.match(name)}
+    if board:
+        vehicle = f"board-{board}"
+    elif any(own.values()):
+        vehicle = f"sensors-{_hash(own)}"
+    else:
+        vehicle = f"{frame or 'vehicle'}-{log.system}"
+    kept = {name: value for name, value in log.parameters.items() if not _LEARNT.search(name)}
+    return VehicleIdentity(
+        vehicle=vehicle,
+        board=board,
+        firmware=firmware,
+        frame=frame,
+        parameters=_hash(kept) if kept else "",
+    )
+
+
+def _frame(log: FlightLog) -> str:
+    try:
+        return airframe(log).name
+    except UserError:
+        return ""
+
+
+def _hash(parameters: Mapping[str, float]) -> str:
+    text = "\n".join(f"{name} {parameters[name]:.9g}" for name in sorted(parameters))
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
