@@ -20,20 +20,29 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     if abs(shape[0]) < 0.5:
         signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors])
     else:
-        signs = np.sign(shape[0])
-    spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
-    if ctx.record:
-        change = np.gradient(spin, ctx.state.time_s)
-    else:
-        change = np.zeros_like(spin)
-    out = np.zeros((*spin.shape, 6))
-    out[..., 3] = -ctx.state.rates[..., 1] * spin
-    out[..., 4] = ctx.state.rates[..., 0] * spin
-    out[..., 5] = -change
+        signs = np.full(len(ctx.vehicle.rotors), np.sign(shape[0]))
+    total = spin(ctx, signs)
+    out = np.zeros((*total.shape, 6))
+    out[..., 3] = -ctx.state.rates[..., 1] * total
+    out[..., 4] = ctx.state.rates[..., 0] * total
+    out[..., 5] = -spin_change(ctx, total)
     return (out,)
 
 
-def _likely(ctx: Context) -> float:
+def spin(ctx: Context, signs: Array) -> Array:
+    """Sum of the rotor speeds (...) [rad/s], each with its sign."""
+    return np.asarray((ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S)
+
+
+def spin_change(ctx: Context, total: Array) -> Array:
+    """Change of a sum of rotor speeds (...) [rad/s^2]; 0 of one instant."""
+    if ctx.record:
+        return np.asarray(np.gradient(total, ctx.state.time_s))
+    return np.zeros_like(total)
+
+
+def likely_inertia(ctx: Context) -> float:
+    """Moment of inertia of a rotor [kg m^2]: half a percent of a disc with the vehicle's mass."""
     return 0.005 * ctx.vehicle.mass_kg * ctx.vehicle.rotor_radius_m**2
 
 
@@ -62,10 +71,13 @@ EFFECT = Effect(
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
     excite="quick roll and pitch steps, and steps of the thrust",
-    coefficients=(Coefficient(name="inertia", unit="kg m^2", low=0.0, high=0.1, typical=_likely),),
+    coefficients=(
+        Coefficient(name="inertia", unit="kg m^2", low=0.0, high=0.1, typical=likely_inertia),
+    ),
     wrenches=_wrenches,
     needs_moments=True,
     shapes=(Shape(name="all_alike", unit="1", continuous=False, tried=(0.0, 1.0, -1.0)),),
+    contains=("rotor_inertia",),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),
 )

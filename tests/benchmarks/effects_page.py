@@ -64,6 +64,9 @@ def flight() -> Context:
     velocity = np.stack(
         [swing(-3.0, 3.0, 23.0), swing(-3.0, 3.0, 31.0), swing(-1.5, 1.5, 17.0)], axis=1
     )
+    # What turns about the vertical: rotors of one spin against those of the other.
+    spins = [rotor.spin for rotor in vehicle.rotors]
+    turning = np.outer(swing(-20.0, 20.0, 5.0), spins)
     state = blank_state((len(t),), fans, rotors)
     filled = {
         "time_s": t,
@@ -81,7 +84,7 @@ def flight() -> Context:
         "second_d_m": each(swing(0.3 * radius, 6.0 * radius, 37.0), fans),
         "second_bearing_rad": np.full(len(t), math.pi / 2.0),
         "ceiling_m": each(swing(0.3 * radius, 6.0 * radius, 43.0), fans),
-        "rpm": each(swing(3700.0, 4300.0, 11.0), rotors),
+        "rpm": each(swing(3700.0, 4300.0, 11.0), rotors) + turning,
         "battery_voltage_v": 16.8 - 2.0 * t / SECONDS,
         "battery_current_a": swing(18.0, 26.0, 11.0),
         "esc_temperature_c": 30.0 + 40.0 * t / SECONDS,

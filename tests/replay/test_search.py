@@ -665,6 +665,26 @@ def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
         assert found(answer, "gyroscopic").parameters["all_alike"] == way
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "coefficients"),
+    [("rate_damping", (1.2, 1.2, 0.3)), ("flapping_moment", (0.6, 0.6))],
+)
+def test_a_moment_of_the_air_is_named_among_all(
+    quiet: Record, name: str, coefficients: tuple[float, ...]
+) -> None:
+    answer = search(added(swung(quiet), name, (), *coefficients), list(catalogue()))
+    assert names(answer) == {name}
+
+
+@pytest.mark.slow
+def test_a_trim_is_told_beside_a_centre_of_gravity_that_does_the_same(quiet: Record) -> None:
+    """Where the thrust hardly changes, no flight separates them."""
+    answer = search(added(quiet, "trim_moment", (), 0.3, -1.0), some("trim_moment", "cg_offset"))
+    (one,) = answer.found
+    assert {one.effect.name, *one.aliases} == {"trim_moment", "cg_offset"}
+
+
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
     sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05, 0.0)
     assert names(search(sagging, some("battery_sag", "thrust_scale", "payload"))) == {"battery_sag"}
