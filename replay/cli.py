@@ -22,6 +22,7 @@ from replay.pipeline_options import (
 _COMMANDS = (
     "replay.diagnosis.cli",
     "replay.predict.cli",
+    "replay.fleet.season_cli",
     "replay.info.cli",
     "replay.export.cli",
     "replay.audit",

@@ -14,6 +14,7 @@ from typing import Any
 
 from models.common.errors import ConfigError
 
+Row = sqlite3.Row
 NAME = "store.sqlite"
 SCHEMA = 1
 WAIT_S = 60.0

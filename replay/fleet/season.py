@@ -1,0 +1,320 @@
+"""``replay season``: what the answers of a store say of every vehicle over time.
+
+Sizes of one parameter on several logs differ by their errors and by their flights: y_i ~ N(m, s_i^2 + tau^2), tau by
+DerSimonian & Laird 1986, Controlled Clinical Trials 7, 177. A change is the split into two means that is likeliest. It
+is named where it is likelier than one mean, the mean more and its place paid for (Schwarz 1978, The Annals of
+Statistics 6, 461), and how seldom a parameter changes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models.common.frames import Array
+from replay.fleet.store import Row, Store
+
+LEAST = 4
+"""Logs without which no change over time is looked for, two on either side of it."""
+SIDE = 2
+RARE = 0.01
+"""Probability that a parameter changes in a season, before anything was seen."""
+SURE = 1.0
+"""Log odds from which a change is named."""
+WIDTH = 2.0 * 1.96
+"""Of a 95 % interval, in standard deviations."""
+OFTEN = 0.5
+"""Share of the vehicles from which an effect is of all of them: of a firmware, or of a lot of propellers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sized:
+    """A parameter on one log."""
+
+    log: str
+    date: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation."""
+        return max((self.high - self.low) / WIDTH, 1e-9 * max(abs(self.value), 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SizeChange:
+    """A parameter that is another one from a log on."""
+
+    since: str
+    date: str
+    before: float
+    after: float
+    log_odds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """One parameter of one effect on one vehicle, in order of date."""
+
+    effect: str
+    parameter: str
+    unit: str
+    sizes: tuple[Sized, ...]
+    change: SizeChange | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleSeason:
+    """What is known of one vehicle."""
+
+    vehicle: str
+    board: str
+    firmware: str
+    frame: str
+    first: str
+    last: str
+    """Dates."""
+    judged: int
+    courses: tuple[Course, ...]
+    new: tuple[str, ...]
+    """Effects that the last log has, and no log before it."""
+    not_judged: tuple[tuple[str, str], ...]
+    """Logs, and why."""
+
+    @property
+    def changed(self) -> list[Course]:
+        """Parameters that are not as they were."""
+        return [course for course in self.courses if course.change is not None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Season:
+    """All vehicles of a store."""
+
+    vehicles: tuple[VehicleSeason, ...]
+    common: tuple[str, ...]
+    """Effects that half of the vehicles have, of two or more."""
+    unknown: tuple[tuple[str, str], ...]
+    """Logs that do not say of which vehicle they are, and why they are not judged."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys that docs/formats.md describes."""
+        return {
+            "vehicles": [_vehicle_json(v) for v in self.vehicles],
+            "common": list(self.common),
+            "unknown": [{"log": log, "why": why} for log, why in self.unknown],
+        }
+
+    def as_text(self) -> str:
+        """A few lines for a person."""
+        logs = sum(v.judged for v in self.vehicles)
+        lines = [f"{len(self.vehicles)} vehicles, {logs} logs judged"]
+        for v in self.vehicles:
+            lines += _vehicle_text(v)
+        if self.common:
+            lines.append(f"on half of the vehicles or more: {', '.join(self.common)}")
+        if self.unknown:
+            lines.append(f"{len(self.unknown)} logs do not say of which vehicle they are")
+        return "\n".join(lines)
+
+
+def season(store: Store, vehicle: str | None = None) -> Season:
+    """Every vehicle, or the one of that name, by the newest answer to every log."""
+    logs = _newest(store)
+    by_vehicle: dict[str, list[Row]] = {}
+    unknown = []
+    for row in logs:
+        if row["vehicle"] is None:
+            unknown.append((row["path"], row["error"] or "does not say"))
+        elif vehicle in (None, row["vehicle"]):
+            by_vehicle.setdefault(row["vehicle"], []).append(row)
+    effects: dict[tuple[str, str], list[Row]] = {}
+    for row in store.rows("SELECT * FROM effects"):
+        effects.setdefault((row["sha256"], row["question"]), []).append(row)
+    vehicles = tuple(_vehicle(name, rows, effects) for name, rows in sorted(by_vehicle.items()))
+    return Season(vehicles=vehicles, common=_common(vehicles), unknown=tuple(unknown))
+
+
+def _newest(store: Store) -> list[Row]:
+    """Of every log the answer that was added last, in order of date."""
+    newest: dict[str, Row] = {}
+    for row in store.rows("SELECT * FROM logs ORDER BY rowid"):
+        newest[row["sha256"]] = row
+    return sorted(newest.values(), key=lambda row: (row["date"] or "", row["path"]))
+
+
+def _vehicle(
+    name: str,
+    logs: Sequence[Row],
+    effects: Mapping[tuple[str, str], Sequence[Row]],
+) -> VehicleSeason:
+    judged = [row for row in logs if row["error"] is None]
+    of_log = {row["sha256"]: effects.get((row["sha256"], row["question"]), []) for row in judged}
+    last = logs[-1]
+    names = [{e["effect"] for e in of_log[row["sha256"]]} for row in judged]
+    new: set[str] = set()
+    if len(names) > 1:
+        new = names[-1] - set().union(*names[:-1])
+    return VehicleSeason(
+        vehicle=name,
+        board=last["board"] or "",
+        firmware=last["firmware"] or "",
+        frame=last["frame"] or "",
+        first=logs[0]["date"] or "",
+        last=last["date"] or "",
+        judged=len(judged),
+        courses=tuple(_courses(judged, of_log)),
+        new=tuple(sorted(new)),
+        not_judged=tuple((row["path"], row["error"]) for row in logs if row["error"] is not None),
+    )
+
+
+def _courses(logs: Sequence[Row], of_log: Mapping[str, Sequence[Row]]) -> Iterable[Course]:
+    """Every parameter with a size, over all logs that have it."""
+    sizes: dict[tuple[str, str, str], list[Sized]] = {}
+    for row in logs:
+        for e in of_log[row["sha256"]]:
+            if e["value"] is None or e["low"] is None or not e["kept"]:
+                continue
+            key = (e["effect"], e["parameter"], e["unit"] or "")
+            sizes.setdefault(key, []).append(
+                Sized(
+                    log=row["path"],
+                    date=row["date"] or "",
+                    value=e["value"],
+                    low=e["low"],
+                    high=e["high"],
+                )
+            )
+    for (effect, parameter, unit), course in sorted(sizes.items()):
+        yield Course(
+            effect=effect,
+            parameter=parameter,
+            unit=unit,
+            sizes=tuple(course),
+            change=change_of(course),
+        )
+
+
+def change_of(sizes: Sequence[Sized]) -> SizeChange | None:
+    """The likeliest change of a parameter over its logs; None where one mean will do."""
+    count = len(sizes)
+    if count < LEAST:
+        return None
+    y = np.array([s.value for s in sizes])
+    variance = np.array([s.sd**2 for s in sizes])
+    whole = _log_likelihood(y, variance + _between(y, variance))
+    best: tuple[float, int, float] | None = None
+    for k in range(SIDE, count - SIDE + 1):
+        tau2 = 0.5 * (_between(y[:k], variance[:k]) + _between(y[k:], variance[k:]))
+        spread = variance + tau2
+        split = _log_likelihood(y[:k], spread[:k]) + _log_likelihood(y[k:], spread[k:])
+        if best is None or split > best[0]:
+            best = (split, k, tau2)
+    assert best is not None
+    split, k, tau2 = best
+    log_odds = split - whole - 1.5 * math.log(count) + math.log(RARE / (1.0 - RARE))
+    if log_odds < SURE:
+        return None
+    spread = variance + tau2
+    return SizeChange(
+        since=sizes[k].log,
+        date=sizes[k].date,
+        before=_mean(y[:k], spread[:k]),
+        after=_mean(y[k:], spread[k:]),
+        log_odds=float(log_odds),
+    )
+
+
+def _mean(y: Array, variance: Array) -> float:
+    return float(np.average(y, weights=1.0 / variance))
+
+
+def _log_likelihood(y: Array, variance: Array) -> float:
+    """Of one mean."""
+    off = y - _mean(y, variance)
+    return float(-0.5 * (off**2 / variance + np.log(variance)).sum())
+
+
+def _between(y: Array, variance: Array) -> float:
+    """Variance between logs, tau^2, by the method of moments."""
+    weight = 1.0 / variance
+    off = y - _mean(y, variance)
+    q = float((weight * off**2).sum())
+    scale = float(weight.sum() - (weight**2).sum() / weight.sum())
+    if scale <= 0.0:
+        return 0.0
+    return max((q - (len(y) - 1)) / scale, 0.0)
+
+
+def _common(vehicles: Sequence[VehicleSeason]) -> tuple[str, ...]:
+    judged = [v for v in vehicles if v.judged]
+    if len(judged) < LEAST // 2:
+        return ()
+    count: Counter[str] = Counter()
+    for v in judged:
+        count.update({course.effect for course in v.courses})
+    return tuple(sorted(name for name, n in count.items() if n >= max(OFTEN * len(judged), 2.0)))
+
+
+def _vehicle_json(v: VehicleSeason) -> dict[str, Any]:
+    return {
+        "vehicle": v.vehicle,
+        "board": v.board,
+        "firmware": v.firmware,
+        "frame": v.frame,
+        "first": v.first,
+        "last": v.last,
+        "judged": v.judged,
+        "sizes": [_course_json(course) for course in v.courses],
+        "new": list(v.new),
+        "not_judged": [{"log": log, "why": why} for log, why in v.not_judged],
+    }
+
+
+def _course_json(course: Course) -> dict[str, Any]:
+    change = course.change
+    out: dict[str, Any] = {
+        "effect": course.effect,
+        "parameter": course.parameter,
+        "unit": course.unit,
+        "logs": [
+            {"log": s.log, "date": s.date, "value": s.value, "interval": [s.low, s.high]}
+            for s in course.sizes
+        ],
+        "change": None,
+    }
+    if change is not None:
+        out["change"] = {
+            "since": change.since,
+            "date": change.date,
+            "before": change.before,
+            "after": change.after,
+            "log_odds": change.log_odds,
+        }
+    return out
+
+
+def _vehicle_text(v: VehicleSeason) -> list[str]:
+    kind = ", ".join(text for text in (v.frame, v.firmware) if text)
+    head = f"{v.vehicle} ({kind}): {v.judged} logs judged, {v.first[:10]} to {v.last[:10]}"
+    lines = [head]
+    for course in v.changed:
+        assert course.change is not None
+        change = course.change
+        lines.append(
+            f"  {course.effect} {course.parameter} {change.before:.3g} -> {change.after:.3g} "
+            f"{course.unit} since {change.since}"
+        )
+    if v.new:
+        lines.append(f"  new on the last log: {', '.join(v.new)}")
+    for log, why in v.not_judged:
+        lines.append(f"  not judged: {log}: {why}")
+    return lines

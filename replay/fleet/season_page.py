@@ -1,0 +1,89 @@
+"""The page of a season: every vehicle, its sizes over time, and what is not as it was."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+
+from models.common.frames import Array
+from models.common.pages.svg import Line, figure
+from replay.fleet.season import Course, Season, VehicleSeason
+from replay.report import render
+
+DAY_S = 86_400.0
+LEAST = 2
+"""Logs of a plot."""
+
+
+def page(found: Season) -> str:
+    """The whole page."""
+    changed = [v for v in found.vehicles if v.changed or v.new]
+    if changed:
+        head = f"{len(changed)} of {len(found.vehicles)} vehicles are not as they were"
+        step = "look at these first, by the log that shows it."
+    else:
+        head = "No vehicle has changed"
+        step = "nothing."
+    return render(
+        "season.html",
+        head=head,
+        verdict="What the logs say of every vehicle",
+        sentences=[f"Next: {step}"],
+        vehicles=[_shown(v) for v in (*changed, *(v for v in found.vehicles if v not in changed))],
+        common=list(found.common),
+        unknown=list(found.unknown),
+    )
+
+
+def _shown(v: VehicleSeason) -> dict[str, object]:
+    changes = []
+    for course in v.changed:
+        assert course.change is not None
+        change = course.change
+        changes.append(
+            (
+                f"{course.effect} {course.parameter}",
+                f"{change.before:.3g}",
+                f"{change.after:.3g} {course.unit}",
+                change.since,
+            )
+        )
+    kind = ", ".join(text for text in (v.frame, v.firmware) if text)
+    return {
+        "name": v.vehicle,
+        "about": f"{kind}: {v.judged} logs judged, {v.first[:10]} to {v.last[:10]}",
+        "changes": changes,
+        "new": list(v.new),
+        "plots": "".join(_plot(c) for c in v.courses if len(c.sizes) >= LEAST),
+        "not_judged": list(v.not_judged),
+    }
+
+
+def _plot(course: Course) -> str:
+    days = _days(course)
+    values = np.array([s.value for s in course.sizes])
+    half = np.array([0.5 * (s.high - s.low) for s in course.sizes])
+    lines = [Line(days, values, "after", "with its 95 % interval", points=True, error=half)]
+    if course.change is not None:
+        before = days < _day(course.change.date, course)
+        mean = np.where(before, course.change.before, course.change.after)
+        lines.append(Line(days, mean, "before", "mean before and after"))
+    title = f"{course.effect}: {course.parameter}"
+    return figure(title, lines, "days since the first log", course.unit)
+
+
+def _days(course: Course) -> Array:
+    return np.array([_day(s.date, course) for s in course.sizes])
+
+
+def _day(date: str, course: Course) -> float:
+    first = _time(course.sizes[0].date)
+    return (_time(date) - first) / DAY_S
+
+
+def _time(date: str) -> float:
+    try:
+        return datetime.fromisoformat(date.replace("Z", "+00:00")).timestamp()
+    except ValueError:
+        return 0.0
