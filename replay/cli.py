@@ -74,7 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _checked(a: argparse.Namespace) -> int:
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
+    system = getattr(a, "target_system", None)  # a store has none
+    if system is not None and not 1 <= system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     try:
         return int(a.run(a))

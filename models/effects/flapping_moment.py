@@ -49,7 +49,7 @@ EFFECT = Effect(
     ),
     wrenches=_wrenches,
     needs_moments=True,
-    chance=0.03,
+    chance=0.01,
     aliases=("rotor_drag",),
     shown=Shown(lambda ctx, axis: over("speed forward [m/s]", ctx.velocity[..., 0], axis), _words),
 )

@@ -60,7 +60,7 @@ EFFECT = Effect(
         Coefficient(name="slope", unit="1", low=0.2, high=20.0, typical=2.5, centre=4.0),
     ),
     wrenches=_wrenches,
-    chance=0.03,
+    chance=0.01,
     aliases=("vertical_inflow",),
     shown=Shown(over_speed, _words),
 )

@@ -1,0 +1,232 @@
+"""The store of a folder, and what it says of every vehicle over time."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from log_writers import quad_flight, write_tlog
+
+from companion.vehicles import QUAD
+from models.common.errors import ConfigError
+from replay.cli import main
+from replay.fleet.season import Sized, change_of, season
+from replay.fleet.store import NAME, SCHEMA, Store
+
+DAY = "2026-05-{:02d}T10:00:00Z"
+
+
+def answer(
+    day: int, *, vehicle: str = "board-A", scale: float = 0.0, **more: Any
+) -> dict[str, Any]:
+    """What ``replay diagnose`` says of a flight on a day of May, with a thrust scale."""
+    size = {"value": scale, "ci95": [scale - 0.01, scale + 0.01], "unit": "1"}
+    return {
+        "sha256": f"{vehicle}-{day}",
+        "log": f"/logs/{vehicle}/{day}.tlog",
+        "date": DAY.format(day),
+        "date_from": "log",
+        "identity": {
+            "vehicle": vehicle,
+            "board": "A",
+            "firmware": "ArduCopter V4.6",
+            "frame": "quad-x",
+        },
+        "verdict": "explained",
+        "duration_s": 60.0,
+        "axes": {"Fz": {}},
+        "effects": [
+            {
+                "name": "thrust_scale",
+                "parameters": {"scale": size},
+                "probability": 0.98,
+                "explains": 0.5,
+                "kept": True,
+            }
+        ],
+        "log_faults": [{"channel": "rpm_1", "what": "stands still"}],
+        "version": "1",
+        "wall_s": 3.0,
+    } | more
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with ExitStack() as stack:
+        yield stack.enter_context(Store.open(tmp_path / NAME, make=True))
+
+
+def test_an_answer_is_a_row_of_each_table(store: Store) -> None:
+    store.add("q", answer(1, scale=0.02))
+    (log,) = store.rows("SELECT * FROM logs")
+    assert (log["vehicle"], log["verdict"], log["judged_s"]) == ("board-A", "explained", 60.0)
+    (effect,) = store.rows("SELECT * FROM effects")
+    assert (effect["effect"], effect["value"]) == ("thrust_scale", 0.02)
+    (fault,) = store.rows("SELECT * FROM faults")
+    assert fault["what"] == "stands still"
+
+
+def test_a_newer_answer_takes_the_place_of_an_older(store: Store) -> None:
+    store.add("q", answer(1, scale=0.02))
+    store.add("q", answer(1, scale=0.03, log_faults=[]))
+    assert [row["value"] for row in store.rows("SELECT value FROM effects")] == [0.03]
+    assert not store.rows("SELECT * FROM faults")
+
+
+def test_a_store_of_another_schema_is_refused(tmp_path: Path) -> None:
+    with Store.open(tmp_path / NAME, make=True):
+        pass
+    with sqlite3.connect(tmp_path / NAME) as c:
+        c.execute("UPDATE meta SET value = '99'")
+    with pytest.raises(ConfigError, match=rf"schema 99.* writes {SCHEMA}"), Store.open(tmp_path):
+        pass
+
+
+@pytest.mark.parametrize("content", [None, b"no database at all, but some text"])
+def test_what_is_no_store_is_one_line(
+    tmp_path: Path, content: bytes | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / NAME
+    if content is not None:
+        file.write_bytes(content)
+    assert main(["season", str(tmp_path)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1
+    assert str(tmp_path) in said[0]
+
+
+def test_a_size_that_changes_is_told_with_the_first_log_that_shows_it(store: Store) -> None:
+    for day in range(1, 13):
+        store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
+        store.add("q", answer(day, vehicle="board-B"))
+    found = season(store)
+    first, second = found.vehicles
+    (course,) = first.changed
+    assert course.change is not None
+    assert course.change.since.endswith("/7.tlog")
+    assert course.change.before == pytest.approx(0.0, abs=0.005)
+    assert course.change.after == pytest.approx(-0.08, abs=0.005)
+    assert not second.changed
+    assert found.common == ("thrust_scale",)
+
+
+def test_what_is_new_and_what_cannot_be_judged(store: Store) -> None:
+    for day in (1, 2):
+        store.add("q", answer(day, effects=[]))
+    store.add("q", answer(3))
+    store.add("q", answer(4, effects=[], error="no accelerometer"))
+    (vehicle,) = season(store).vehicles
+    assert vehicle.new == ("thrust_scale",)
+    assert vehicle.judged == 3
+    assert vehicle.not_judged == (("/logs/board-A/4.tlog", "no accelerometer"),)
+
+
+def sizes(values: np.ndarray, sd: float) -> list[Sized]:
+    return [
+        Sized(log=str(i), date="", value=v, low=v - 1.96 * sd, high=v + 1.96 * sd)
+        for i, v in enumerate(values.tolist())
+    ]
+
+
+@pytest.mark.parametrize("between", [0.0, 1.0, 3.0])
+def test_false_alarms_are_rare(between: float) -> None:
+    """Eight parameters on fifty vehicles: at most one alarm is expected."""
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(400):
+        spread = np.hypot(1.0, between)
+        alarms += change_of(sizes(spread * rng.standard_normal(20), 1.0)) is not None
+    assert alarms <= 3
+
+
+def test_a_change_is_found_where_it_was() -> None:
+    rng = np.random.default_rng(4)
+    right = 0
+    for _ in range(50):
+        values = rng.standard_normal(20)
+        values[9:] += 6.0
+        change = change_of(sizes(values, 1.0))
+        right += change is not None and change.since == "9"
+    assert right >= 45
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A folder with two logs, a copy of one, and a broken one, diagnosed."""
+    folder = tmp_path_factory.mktemp("fleet")
+    logs = folder / "logs"
+    logs.mkdir()
+    for seed in (1, 2):
+        write_tlog(logs / f"{seed}.tlog", quad_flight(30.0, seed=seed))
+    shutil.copy(logs / "1.tlog", logs / "copy.tlog")
+    (logs / "broken.tlog").write_bytes(b"\x00" * 400)
+    out = folder / "out"
+    assert main(diagnose(logs, out)) == 0
+    return logs, out
+
+
+def diagnose(logs: Path, out: Path, *more: str) -> list[str]:
+    command = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--workers", "2"]
+    return [*command, "--out", str(out), *more]
+
+
+@pytest.mark.slow
+def test_a_copy_is_counted_once_and_a_moved_archive_is_known(
+    answered: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs, out = answered
+    with Store.open(out) as store:
+        assert len(store.rows("SELECT * FROM logs")) == 3
+    moved = tmp_path / "archive"
+    shutil.copytree(logs, moved)
+    assert main(diagnose(moved, out)) == 0
+    said = capsys.readouterr()
+    assert "3 of them known from before" in said.out
+    assert "copy.tlog: is a copy of" in said.err
+
+
+@pytest.mark.slow
+def test_the_season_as_text_json_csv_and_page(
+    answered: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, out = answered
+    table = tmp_path / "sizes.csv"
+    more = ["--csv", str(table), "--report", str(tmp_path), "--json", "-"]
+    assert main(["season", str(out), *more]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (vehicle,) = told["vehicles"]
+    assert vehicle["judged"] == 2
+    assert len(told["unknown"]) == 1
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["vehicle"] for row in rows} <= {vehicle["vehicle"]}
+    assert vehicle["vehicle"] in (tmp_path / "report.html").read_text()
+    assert main(["season", str(out), "--vehicle", "nobody"]) == 2
+    assert "nobody" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_failure_that_passes_is_asked_again_on_demand(
+    answered: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs, out = answered
+    for file in (out / "results").iterdir():
+        content = json.loads(file.read_text())
+        if content["log"].endswith("/2.tlog"):
+            failed = {"error": "its process died", "passing": True}
+            kept = {key: content[key] for key in ("log", "sha256", "version", "date", "date_from")}
+            file.write_text(json.dumps(kept | failed))
+    assert main(diagnose(logs, out)) == 0
+    assert "3 of them known" in capsys.readouterr().out
+    assert main(diagnose(logs, out, "--retry")) == 0
+    assert "2 of them known" in capsys.readouterr().out
+    with Store.open(out) as store:
+        assert len(store.rows("SELECT * FROM logs WHERE error IS NULL")) == 2
