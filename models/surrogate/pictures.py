@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from models.common.frames import Array
 from models.common.pages.document import document
 from models.common.pages.shown import ShownPage
 from models.common.pages.svg import Line, figure
-from models.surrogate.fan_surrogate import FanSurrogate
 
 POINTS = 121
 USUAL_RADIUS_M = 0.13
@@ -24,7 +26,19 @@ MOMENT = 4
 """Components of a wrench in the corner frame."""
 
 
-def surfaces(model: FanSurrogate, rpm: float | None = None) -> ShownPage:
+class Queried(Protocol):
+    """A surrogate of one fan."""
+
+    info: Mapping[str, Any]
+
+    def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Any:
+        """``wrench`` and ``sigma`` (..., 6)."""
+
+    def free_air(self, rpm: ArrayLike) -> Array:
+        """Wrench (..., 6) with neither ground nor wall."""
+
+
+def surfaces(model: Queried, rpm: float | None = None) -> ShownPage:
     """Lift over height, pull and moment over the distance to a wall, at one speed [1/min]."""
     if rpm is None:
         speed = USUAL_RPM
@@ -44,9 +58,7 @@ def surfaces(model: FanSurrogate, rpm: float | None = None) -> ShownPage:
     return ShownPage(document("Surrogate of a fan", [text, *plots]))
 
 
-def _shares(
-    model: FanSurrogate, h: Array, d: Array, rpm: float, lift: float
-) -> tuple[Array, Array]:
+def _shares(model: Queried, h: Array, d: Array, rpm: float, lift: float) -> tuple[Array, Array]:
     """What surroundings add, and its standard deviation, each (n, 6), in hundredths of the lift."""
     answer = model.query(h, d, rpm)
     scale = 100.0 / max(lift, 1e-12)

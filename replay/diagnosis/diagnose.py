@@ -20,6 +20,7 @@ from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
 from replay.search.results import Found, summarise
 from replay.search.walk import walk
+from replay.vehicle.identity import identity
 
 
 def diagnose(
@@ -121,12 +122,14 @@ def read_records(
                 boots = load(path, target_system, settings)
             for log in boots:
                 boot = log.boot
+                who = identity(log)
                 for part in log.stretches():
                     if not own.wants_next():
                         continue
                     said |= dict.fromkeys(part.summary.notes)
                     try:
-                        own.add(build_record(part, vehicle, model, effects, _name(part, log)))
+                        record = build_record(part, vehicle, model, effects, _name(part, log))
+                        own.add(replace(record, identity=who))
                     except LogError as error:
                         problems.append(error)
         except LogError as error:

@@ -158,7 +158,7 @@ def _vehicle(
     judged = [row for row in logs if row["error"] is None]
     of_log = {row["sha256"]: effects.get((row["sha256"], row["question"]), []) for row in judged}
     last = logs[-1]
-    names = [{e["effect"] for e in of_log[row["sha256"]]} for row in judged]
+    names = [_names(of_log[row["sha256"]]) for row in judged]
     new: set[str] = set()
     if len(names) > 1:
         new = names[-1] - set().union(*names[:-1])
@@ -174,6 +174,10 @@ def _vehicle(
         new=tuple(sorted(new)),
         not_judged=tuple((row["path"], row["error"]) for row in logs if row["error"] is not None),
     )
+
+
+def _names(effects: Sequence[Row]) -> set[str]:
+    return {row["effect"] for row in effects}
 
 
 def _courses(logs: Sequence[Row], of_log: Mapping[str, Sequence[Row]]) -> Iterable[Course]:

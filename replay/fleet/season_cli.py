@@ -23,9 +23,9 @@ def add_parser(commands: Any) -> None:
         "season",
         help="every vehicle of a store over time: sizes, changes, what is new",
         epilog=EXIT_CODES,
-        description="What the answers that replay diagnose FOLDER stored say of every vehicle: sizes "
-        "of its effects over time, what changed and since which log, what is new, and which logs "
-        "cannot be judged.",
+        description="What the answers that replay diagnose FOLDER stored say of every vehicle: "
+        "sizes of its effects over time, what changed and since which log, what is new, and which "
+        "logs cannot be judged.",
     )
     p.add_argument(
         "store", type=Path, metavar="STORE", help="store.sqlite, or the folder that holds it"

@@ -19,6 +19,7 @@ LEAST = 2
 def page(found: Season) -> str:
     """The whole page."""
     changed = [v for v in found.vehicles if v.changed or v.new]
+    others = [v for v in found.vehicles if v not in changed]
     if changed:
         head = f"{len(changed)} of {len(found.vehicles)} vehicles are not as they were"
         step = "look at these first, by the log that shows it."
@@ -30,7 +31,7 @@ def page(found: Season) -> str:
         head=head,
         verdict="What the logs say of every vehicle",
         sentences=[f"Next: {step}"],
-        vehicles=[_shown(v) for v in (*changed, *(v for v in found.vehicles if v not in changed))],
+        vehicles=[_shown(v) for v in (*changed, *others)],
         common=list(found.common),
         unknown=list(found.unknown),
     )

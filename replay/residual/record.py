@@ -16,6 +16,7 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, LogFault, SourceChoice
+from replay.identity import VehicleIdentity
 from replay.residual.delays import Delay, commanded, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import Doubts, doubted, without_stuck_beams
@@ -35,7 +36,6 @@ from replay.residual.reassigned import motors_reassigned
 from replay.residual.rotor_faults import too_slow_to_fly
 from replay.residual.unknown_distances import resolved
 from replay.residual.validity import Airborne, Excluded, JudgedTime, airborne, judged_time
-from replay.vehicle.identity import VehicleIdentity, identity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +193,6 @@ def build_record(
         faults=(*faults, DERIVED_ACCELEROMETER) if derived else faults,
         blind=doubts.blind,
         sources=log.sources,
-        identity=identity(log),
     )
     if record.seconds < SHORTEST_S:
         raise _why_short(record, flown)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from models.common.errors import UserError
 from replay.flightlog import FlightLog
+from replay.identity import VehicleIdentity
 from replay.vehicle.airframe import airframe
 
 _BOARD = re.compile(r"\b([0-9A-F]{8}) ?([0-9A-F]{8}) ?([0-9A-F]{8})\b")
@@ -19,29 +19,6 @@ _OWN = re.compile(r"(INS_(ACC|GYR)\d?OFFS_|COMPASS_(DEV_ID|OFS)|CAL_(ACC|GYRO|MA
 _LEARNT = re.compile(r"(STAT_|MOT_THST_HOVER|BARO\d?_GND|LND_FLIGHT_T|COM_FLIGHT|SYS_|_TEMP)")
 """Parameters that change by themselves."""
 _DIGITS = 16
-
-
-@dataclass(frozen=True, kw_only=True)
-class VehicleIdentity:
-    """What tells a vehicle from others; empty where a log does not say it."""
-
-    vehicle: str
-    """The key: by the board, else by the offsets of its sensors, else by frame and number."""
-    board: str
-    firmware: str
-    frame: str
-    parameters: str
-    """Hash of all parameters that stay as somebody set them."""
-
-    def as_json(self) -> dict[str, str]:
-        """Plain values."""
-        return {
-            "vehicle": self.vehicle,
-            "board": self.board,
-            "firmware": self.firmware,
-            "frame": self.frame,
-            "parameters": self.parameters,
-        }
 
 
 def identity(log: FlightLog) -> VehicleIdentity:

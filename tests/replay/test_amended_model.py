@@ -75,6 +75,7 @@ def test_every_effect_says_what_is_kept_of_it() -> None:
         "air_density",
         "payload",
         "slung_load",
+        "trim_moment",
         "wind",
     ]
     for e in catalogue():

@@ -131,7 +131,8 @@ def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record
 @pytest.mark.parametrize(
     ("name", "shape", "sizes", "said"),
     [
-        ("payload", (), (0.3,), {"mass_kg": 0.3}),
+        # Of a vehicle of 4.6 kg a load of 0.3 kg takes 0.3 / (1 + 0.3 / 4.6) off the acceleration.
+        ("payload", (), (0.3 / (1.0 + 0.3 / 4.6),), {"mass_kg": 0.3}),
         ("slung_load", (0.55,), (0.2, 0.25, 0.0), {"mass_kg": 0.2, "hanging_kg": 0.25}),
     ],
 )
