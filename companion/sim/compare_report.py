@@ -15,6 +15,12 @@ from companion.sim.model_error import WITHOUT_OFFSETS
 
 OFFSETS = {Leg.ON: "the offsets remove", Leg.ADAPTED: "the adapted offsets remove"}
 """Legs with offsets, as a table says it of them."""
+SCATTER = {"height": 0.14, "lateral": 0.2, "tilt": 0.03}
+"""Standard deviation between seeds of the error in free air, as a share of it (seeds 61 to 66, docs/results.md)."""
+_READING = (
+    "touched: time in contact with ground or wall. In free air: what the path itself costs, with",
+    "neither ground nor wall; no offset can be better. --seed N flies another one.",
+)
 WAYS = {"energy": "by energy", "paired": "instant by instant"}
 """How the share of the error that the offsets remove is taken (see ``air_part``)."""
 
@@ -65,6 +71,16 @@ def spread(flights: Sequence[Flown], number: Callable[[Flown], float]) -> tuple[
     if not finite:
         return math.nan, math.nan
     return float(np.mean(finite)), float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
+
+
+def resolved(flights: Sequence[Flown], axis: str) -> bool:
+    """Whether the error that the air causes stands out of what flights in free air differ by between seeds."""
+    seeds = len({f.seed for f in flights})
+    off, free = (
+        spread([f for f in flights if f.leg is leg], lambda f: f.rms(axis))[0]
+        for leg in (Leg.OFF, Leg.FREE)
+    )
+    return off - free > 2.0 * SCATTER[axis] * free / math.sqrt(seeds)
 
 
 def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str, float]] | None:
@@ -233,7 +249,10 @@ def as_text(found: LegComparison) -> str:
         part = air_part(found.flights, leg)
         if part is not None:
             lines += ["", f"of the error that the air causes, {words}"]
-            lines += [_part_line(WAYS[way], shares) for way, shares in part.items()]
+            clear = [axis for axis in AXES if resolved(found.flights, axis)]
+            lines += [_part_line(WAYS[way], shares, clear) for way, shares in part.items()]
+            lines += [_unclear_line(found, axis) for axis in AXES if axis not in clear]
+    lines += ["", *_READING]
     return "\n".join(lines)
 
 
@@ -257,9 +276,19 @@ def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> st
     return f"{leg.value:{_NAME}}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}"
 
 
-def _part_line(name: str, shares: Mapping[str, float]) -> str:
-    cells = "".join(
-        f"{axis} {100 * v:.0f} %   " if math.isfinite(v) else f"{axis} -   "
-        for axis, v in shares.items()
-    )
+def _part_line(name: str, shares: Mapping[str, float], clear: Sequence[str]) -> str:
+    cells = ""
+    for axis in clear:
+        share = shares[axis]
+        if math.isfinite(share):
+            cells += f"{axis} {100 * share:.0f} %   "
     return f"  {name:20}{cells}".rstrip()
+
+
+def _unclear_line(found: LegComparison, axis: str) -> str:
+    """What is said of an axis in which the air hardly adds to what the path costs."""
+    off, free = (spread(found.legs[leg], lambda f: f.rms(axis))[0] for leg in (Leg.OFF, Leg.FREE))
+    return (
+        f"  {axis}: no share: with and without the air it is {off:.2f} and {free:.2f} "
+        f"{UNITS[axis]}, which these flights do not tell apart"
+    )

@@ -89,7 +89,20 @@ def test_air_that_adds_nothing_has_no_share():
     assert part is not None
     assert math.isnan(part["energy"]["height"])
     assert math.isnan(part["paired"]["height"])
-    assert "-" in as_text(compared(*still)).splitlines()[-1]
+    text = as_text(compared(*still))
+    assert "height: no share: with and without the air it is" in text
+    assert "%" not in text.partition("by energy")[2]
+
+
+def test_a_share_of_what_flights_do_not_tell_apart_is_not_printed():
+    """The air adds a hundredth to what the path costs: a share of that would be a number without a meaning."""
+    free = leg(Leg.FREE, 1, 0.0)
+    off = replace(free, leg=Leg.OFF, tilt=1.01 * free.tilt, lateral=2.0 * free.lateral)
+    on = replace(free, leg=Leg.ON, tilt=1.03 * free.tilt)
+    text = as_text(compared(off, on, free))
+    assert "tilt: no share" in text
+    assert "lateral 100 %" in text
+    assert "tilt -" not in text
 
 
 def test_table_shows_every_leg_with_its_numbers():
