@@ -1,0 +1,14 @@
+"""What the declared model lacks on a log.
+
+python docs/examples/diagnose_log.py LOG VEHICLE.toml
+"""
+
+import sys
+
+from replay import Diagnosis
+
+log, vehicle = sys.argv[1:]
+diagnosis = Diagnosis(vehicle=vehicle, model=None).fit(log)
+print(diagnosis.answer_.verdict)
+print(diagnosis.effects_)
+diagnosis.plot().save("answer.html")
