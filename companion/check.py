@@ -240,8 +240,9 @@ def _vehicle_file(setup: CheckSetup) -> Iterator[Item]:
         yield Item(
             "model",
             _WARN,
-            setup.model_note,
-            "train or identify one of this vehicle, and give it with --model",
+            f"no offsets: no model of this vehicle ({setup.model_note})",
+            "fly --survey BOX with --record FILE, then replay diagnose FILE --save-model DIR, and "
+            "give --model DIR (docs/survey.md)",
         )
 
 
