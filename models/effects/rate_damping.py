@@ -65,7 +65,7 @@ EFFECT = Effect(
     main=("roll", "pitch"),
     wrenches=_wrenches,
     needs_moments=True,
-    chance=0.03,
+    chance=0.01,
     aliases=("vertical_inflow", "rotor_drag"),
     shown=Shown(_drawn, _words),
 )
