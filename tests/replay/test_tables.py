@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
-from tables import nanodrone
+from tables import nanodrone, neurobem, rotor_pairs
 from tables.multistep import Parameter, fit
 from tables.nanodrone import Cut, Fitted, reproduced, vehicle
 from tables.nanodrone_data import STEP_S, Run, _bridged, _lag, _without_repeats
@@ -141,3 +142,47 @@ def test_half_steps_make_a_turning_vehicle_fall_as_it_should() -> None:
     forward = -GRAVITY / 3.0 * (1.0 - np.cos(3.0 * seconds))
     down = GRAVITY * seconds - GRAVITY / 3.0 * np.sin(3.0 * seconds)
     assert path[0, -1, 3:6] == pytest.approx([forward, 0.0, down], abs=1e-3)
+
+
+PAIRS = """
+Fz0 =[{law}];
+std_Fz0 =[0.1 0.1];
+Fz30_beta0 = [3.0 2.0 1.0 1.0 1.0 1.0 1.0 1.0 1.0];
+"""
+
+
+def test_curves_of_the_rotor_pairs_are_read_with_their_heights() -> None:
+    law = rotor_pairs.exponential(rotor_pairs.HEIGHTS, 0.4, 2.0)
+    text = PAIRS.format(law=" ".join(f"{20.0 * value:.6f}" for value in law))
+    found = rotor_pairs.curves(text)
+    assert set(found) == {"Fz0", "Fz30_beta0"}
+    height, ratio = found["Fz0"]
+    assert ratio == pytest.approx(law / law[-1], abs=1e-6)
+    assert rotor_pairs.fitted(height, law) == pytest.approx((0.4, 2.0))
+    assert np.abs(rotor_pairs.left_out(height, law)).max() < 1e-6
+    assert list(found["Fz30_beta0"][0]) == [0.6, 0.75, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0]
+
+
+def test_a_flight_that_is_left_out_is_told_by_the_others() -> None:
+    rng = np.random.default_rng(2)
+    columns = [rng.normal(size=(50, 3, 2)) for _ in range(3)]
+    true = np.array([2.0, -1.0])
+    measured = [x @ true for x in columns]
+    measured[2] = measured[2] + 1.0
+    errors = neurobem.left_out(columns, measured)
+    assert errors[2] == pytest.approx(-1.0, abs=1e-9)
+    assert np.abs(errors[0]).max() > 1e-3
+
+
+def test_another_neurobem_than_the_known_one_is_refused() -> None:
+    with pytest.raises(SystemExit, match=r"refused: NeuroBEM's force .* known 0.6060"):
+        neurobem.check({"force": [np.ones((5, 3))], "moment": [np.zeros((5, 3))]})
+
+
+@pytest.mark.parametrize("command", [neurobem, rotor_pairs])
+def test_every_table_is_skipped_without_its_clone(
+    command: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["table", str(tmp_path / "nowhere")])
+    with pytest.raises(SystemExit, match=r"skipped: .*no clone"):
+        command.main()
