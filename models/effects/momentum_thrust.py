@@ -1,8 +1,8 @@
 """Thrust at speed: the faster a rotor moves through the air, the less it has to suck, and the more its blades lift.
 
 Valid: level flight and climbs; not in its own wake (vortex ring).
-Source: momentum theory in forward flight, v_i = T / (2 rho A sqrt(v_xy^2 + v_i^2)): Glauert 1926, ARC R&M 1026;
-Leishman 2006, Principles of Helicopter Aerodynamics, ch. 2.14.
+Source: momentum theory in forward flight, v_i = T / (2 rho A sqrt(v_xy^2 + (v_up + v_i)^2)): Glauert 1926, ARC R&M
+1026; Leishman 2006, Principles of Helicopter Aerodynamics, ch. 2.14.
 """
 
 from __future__ import annotations
@@ -17,29 +17,40 @@ from models.effects.pictures import mean, over_speed, percent
 from models.vehicle import RHO_SEA_LEVEL
 from models.vehicle_wrench import RPM_TO_RAD_S
 
+ROUNDS = 20
+"""Of the fixed point of the induced velocity."""
 FAST_M_S = 5.0
 """Speed at which the effect is told."""
 
 
-def induced(hover: Array, level: Array | float) -> Array:
-    """Induced velocity v (...) [m/s] at a level speed V (...), of fans that have ``hover`` h (...) in hover.
+def induced(hover: Array, level: Array | float, climb: Array | float = 0.0) -> Array:
+    """Induced velocity v (...) [m/s] at a level speed V and a climb c (...), of fans that have ``hover`` h in hover.
 
-    v sqrt(V^2 + v^2) = h^2, so v^2 = -V^2 / 2 + sqrt(V^4 / 4 + h^4).
+    v sqrt(V^2 + (c + v)^2) = h^2, as the fixed point of v = h^2 / sqrt(V^2 + (c + v)^2), every round half way. A fan
+    that sinks faster than h is in its own wake, which momentum theory does not know: it counts as sinking with h.
     """
-    half = 0.5 * np.square(level)
-    return np.sqrt(np.sqrt(half**2 + hover**4) - half)
+    through = np.maximum(climb, -hover)
+    v = hover.copy()
+    for _ in range(ROUNDS):
+        v = 0.5 * (v + hover**2 / np.sqrt(level**2 + (through + v) ** 2 + 1e-9))
+    return v
 
 
 def _hover(ctx: Context) -> Array:
     disc = 2.0 * RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2
-    return np.sqrt(np.maximum(ctx.shared_thrust, 0.0) / disc)
+    return np.sqrt(np.maximum(ctx.thrust, 0.0) / disc)
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     tip = np.maximum(ctx.rpm * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m, 1.0)
     level = np.linalg.norm(ctx.velocity[..., :2], axis=-1)[..., None]
+    climb = -ctx.velocity[..., 2][..., None]
     hover = _hover(ctx)
-    return (ctx.lift(ctx.shared_thrust * (hover - induced(hover, level)) / tip),)
+    gained = hover - induced(hover, level, climb)
+    # The force alone: single fans answer disturbances of the moment within the control loop.
+    out = ctx.lift(ctx.thrust * gained / tip)
+    out[..., 3:] = 0.0
+    return (out,)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -51,7 +62,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="momentum_thrust",
-    equation="dF_z = -c T (v_h - v_i(v_xy)) / (Omega R), v_h the induced velocity in hover",
+    equation="dF_z = -c T (v_h - v_i) / (Omega R), v_i the induced velocity, v_h that of hover",
     sign="slope > 0: lift is gained in level flight",
     axes=("Fz",),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),

@@ -93,7 +93,8 @@ def rollout(
     ``weather``: a state of leading shape (n,) whose battery, pressure and temperature hold over the window.
 
     The body is rigid: m v' = R F + m g, J w' = M - w x J w (Euler). Velocity and rates take a step of the acceleration
-    at its start, place and attitude of the mean over the step: an error of second order in ``step_s``.
+    that velocity and rates at its start make at the attitude of its middle; place and attitude take the mean of their
+    rates of change over the step.
     Raises ConfigError where shapes do not fit.
     """
     start = np.asarray(states, dtype=float)
@@ -110,7 +111,8 @@ def rollout(
         if rotations is not None:
             attitude = np.asarray(rotations, dtype=float)[:, k]
         else:
-            attitude = rotation_from_quaternion(now[:, QUATERNION])
+            halfway = turned_by(now[:, QUATERNION], 0.5 * step_s * now[:, RATES])
+            attitude = rotation_from_quaternion(halfway)
         state = air.at(now, attitude, commands[:, k])
         wrench = model.wrench(state)[:, 0] + extra[:, k]
         now = _step(model.vehicle, now, attitude, wrench, step_s)

@@ -271,13 +271,18 @@ def test_airflow_from_ahead_lifts_the_nose(ctx: Context) -> None:
     assert (pitch, yaw) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 3.0])
-def test_induced_velocity_is_that_of_momentum_theory(share: float) -> None:
-    """Thrust is the mass flow through the disc times what the fan adds: v sqrt(V^2 + v^2) = h^2."""
+@pytest.mark.parametrize(
+    ("level", "climb"), [(0.0, 0.0), (2.5, 0.0), (15.0, 3.0), (0.0, 5.0), (4.0, -2.0)]
+)
+def test_induced_velocity_is_that_of_momentum_theory(level: float, climb: float) -> None:
+    """Thrust is the mass flow through the disc times what the fan adds."""
     hover = np.array([5.0])
-    level = share * 5.0
-    v = induced(hover, level)
-    assert v * np.sqrt(level**2 + v**2) == pytest.approx(hover**2)
+    v = induced(hover, level, climb)
+    assert v * np.hypot(level, climb + v) == pytest.approx(hover**2, rel=1e-3)
+
+
+def test_a_fan_in_its_own_wake_has_a_finite_induced_velocity() -> None:
+    assert 5.0 < induced(np.array([5.0]), 0.0, -20.0)[0] < 10.0
 
 
 def test_a_fan_lifts_more_at_speed(ctx: Context) -> None:

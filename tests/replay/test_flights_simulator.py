@@ -56,7 +56,7 @@ def test_the_vehicle_hovers_where_it_is_told(every_effect):
 CONTRACT = """
 ceiling second_wall partial_ground wind rotor_drag body_drag vertical_inflow air_density thrust_scale fan_imbalance
 payload cg_offset range_offset imu_bias thermal_derating battery_sag gyroscopic ground_effect wall_effect motor_lag
-contact slung_load
+contact slung_load rate_damping flapping_moment trim_moment rotor_inertia momentum_thrust
 """
 
 

@@ -668,9 +668,13 @@ def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "coefficients"),
-    [("rate_damping", (1.2, 1.2, 0.3)), ("flapping_moment", (0.6, 0.6))],
+    [
+        ("rate_damping", (1.2, 1.2, 0.3)),
+        ("flapping_moment", (0.6, 0.6)),
+        ("rotor_inertia", (0.01,)),
+    ],
 )
-def test_a_moment_of_the_air_is_named_among_all(
+def test_a_moment_is_named_among_all(
     quiet: Record, name: str, coefficients: tuple[float, ...]
 ) -> None:
     answer = search(added(swung(quiet), name, (), *coefficients), list(catalogue()))

@@ -17,13 +17,9 @@ CATALOGUE = frozenset(
         "ceiling", "second_wall", "partial_ground", "wind", "rotor_drag", "body_drag", "vertical_inflow", "air_density",
         "thrust_scale", "thrust_curve", "fan_imbalance", "payload", "cg_offset", "range_offset", "imu_bias",
         "thermal_derating", "battery_sag", "gyroscopic", "ground_effect", "wall_effect", "corner_effect",
-        "surface_law", "motor_lag",
-        "flapping_moment",
+        "surface_law", "motor_lag", "contact",
+        "slung_load", "mounting_tilt", "rate_damping", "flapping_moment", "trim_moment", "rotor_inertia",
         "momentum_thrust",
-        "rate_damping",
-        "rotor_inertia",
-        "trim_moment", "contact",
-        "slung_load", "mounting_tilt",
     }
 )  # fmt: skip
 """Names that the table may use. A name that an answer adds to them is unknown: the table could not foresee it."""

@@ -570,11 +570,101 @@ class SlungLoad(Effect):
         s.moment[:, i] += np.stack([-0.1 * pull[1], 0.1 * pull[0], np.zeros(len(i))])
 
 
+class RateDamping(Effect):
+    """Plates that the vehicle swings through the air: a moment that is part linear, part quadratic in the rate."""
+
+    name = "rate_damping"
+    blocks = ("wobble",)
+
+    @staticmethod
+    def draw(rng: Rng, craft: Craft) -> dict[str, float]:
+        return {"per_s": float(rng.uniform(4.0, 6.0))}
+
+    def loads(self, s: World) -> None:
+        w = s.w[:, self.i]
+        inertia = np.array(self.craft.inertia)[:, None]
+        s.moment[:, self.i] -= self.p["per_s"] * inertia * w * (0.9 + 0.2 * np.abs(w))
+
+
+class FlappingMoment(Effect):
+    """Blades on stiff roots: the advancing one lifts more, flaps up ahead, and its root turns the hub nose up."""
+
+    name = "flapping_moment"
+    blocks = ("dash",)
+
+    @staticmethod
+    def draw(rng: Rng, craft: Craft) -> dict[str, float]:
+        return {"root_nm": float(rng.uniform(0.6, 1.0))}
+
+    def loads(self, s: World) -> None:
+        ux, uy, _ = fan_velocity(s, self.i)
+        tip = s.fan_rpm[:, self.i] * np.pi / 30.0 * self.craft.radius_m
+        stiff = self.p["root_nm"] * self.craft.mass_kg * GRAVITY * self.craft.radius_m
+        back, side = (stiff * (u / np.maximum(tip, 1.0)).sum(axis=0) for u in (ux, uy))
+        s.moment[:, self.i] += np.stack([-side, back, np.zeros(len(self.i))])
+
+
+class TrimMoment(Effect):
+    """A spring between hull and something that does not move with it: the same moment at every thrust."""
+
+    name = "trim_moment"
+
+    @staticmethod
+    def draw(rng: Rng, craft: Craft) -> dict[str, float]:
+        return {"roll": signed(rng, 0.04, 0.07), "pitch": signed(rng, 0.04, 0.07)}
+
+    def loads(self, s: World) -> None:
+        arm = self.craft.mass_kg * GRAVITY * self.craft.radius_m
+        none = np.zeros(len(self.i))
+        s.moment[:, self.i] += arm * np.stack([self.p["roll"], self.p["pitch"], none])
+
+
+class RotorInertia(Effect):
+    """Heavy rotors: what they gain of angular momentum, the hull loses. Rotors of both spins, so only yaw shows it."""
+
+    name = "rotor_inertia"
+    blocks = ("turn", "wobble")
+
+    @staticmethod
+    def draw(rng: Rng, craft: Craft) -> dict[str, float]:
+        return {"kgm2": float(rng.uniform(4e-4, 7e-4))}
+
+    def start(self, s: World) -> None:
+        self.last = np.full(len(self.i), np.nan)
+
+    def loads(self, s: World) -> None:
+        each = np.repeat(s.fan_rpm[:, self.i], self.craft.rotors_per_fan, axis=0)
+        spins = np.array(self.craft.spin)[:, None]
+        spin = self.p["kgm2"] * (spins * each).sum(axis=0) * np.pi / 30.0
+        change = np.where(np.isnan(self.last), 0.0, spin - self.last) / s.dt
+        self.last = spin
+        s.moment[2, self.i] -= change
+
+
+class MomentumThrust(Effect):
+    """Speed over ground feeds a fan with fresh air: blade elements in Glauert inflow, level motion alone."""
+
+    name = "momentum_thrust"
+    blocks = ("dash",)
+
+    @staticmethod
+    def draw(rng: Rng, craft: Craft) -> dict[str, float]:
+        return {"gain": float(rng.uniform(1.5, 2.5))}
+
+    def loads(self, s: World) -> None:
+        ux, uy, _ = fan_velocity(s, self.i)
+        still = np.zeros_like(ux)
+        ratio = rotor_flow.thrust_ratio(self.craft, s.air_rpm[:, self.i], np.hypot(ux, uy), still)
+        extra = self.p["gain"] * (ratio - 1.0) * s.lift[:, self.i]
+        _push_fans(s, self.i, np.stack([still, still, -extra]))
+
+
 CATALOGUE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
         Ceiling, SecondWall, PartialGround, Wind, RotorDrag, BodyDrag, VerticalInflow, AirDensity, ThrustScale,
         FanImbalance, Payload, CgOffset, RangeOffset, ImuBias, ThermalDerating, BatterySag, Gyroscopic, GroundEffect,
-        WallEffect, MotorLag, Contact, SlungLoad,
+        WallEffect, MotorLag, Contact, SlungLoad, RateDamping, FlappingMoment, TrimMoment, RotorInertia,
+        MomentumThrust,
     )
 }  # fmt: skip

@@ -114,12 +114,17 @@ ON_QUAD = (
 NEEDS_OUTPUTS = ("battery_sag", "motor_lag")
 """Effects also flown on a vehicle whose thrust is declared by servo outputs, where they are at home."""
 
+NEEDS_SINGLE_ROTORS = ("rotor_inertia",)
+"""Effects that the spins of two rotors in one fan would cancel."""
+
 
 def scenarios(round_number: int) -> list[Scenario]:
     """All flights of a round."""
     out = [Scenario(f"null_{k}", "null") for k in range(5)]
     out += [Scenario("null_servo", "null", by_servo=True), Scenario("null_quad", "null", QUAD)]
-    out += [Scenario(name, "single", effects=(name,)) for name in CATALOGUE]
+    for name in CATALOGUE:
+        craft = QUAD if name in NEEDS_SINGLE_ROTORS else TANDEM
+        out.append(Scenario(name, "single", craft, (name,)))
     out += [
         Scenario(f"{name}_servo", "single", effects=(name,), by_servo=True)
         for name in NEEDS_OUTPUTS
