@@ -70,7 +70,7 @@ from companion.mavlink.setpoints import AttitudeCommand, Command, PositionComman
 from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
 from models.common.frames import GRAVITY, quaternion_from_euler
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3
 
 _DISTURBANCE_PERIOD_S = 0.03
@@ -114,7 +114,7 @@ def stopped(state: PipelineState) -> PipelineState:
         hold = None
     else:
         hold = state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
-    return replace(state, stopping=True, hold=hold)
+    return with_changes(state, stopping=True, hold=hold)
 
 
 def ready_to_leave(state: PipelineState) -> bool:
@@ -158,10 +158,10 @@ def answer(
     """
     if state.heartbeat is not None and state.t_s <= 0.0 < sample.t_s:
         # Heard before the first stamp, so at an unknown time, moments ago.
-        state = replace(state, heartbeat=dataclasses.replace(state.heartbeat, t_s=sample.t_s))
+        state = with_changes(state, heartbeat=dataclasses.replace(state.heartbeat, t_s=sample.t_s))
     if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
-            state = replace(initial_state(config), stopping=state.stopping)
+            state = with_changes(initial_state(config), stopping=state.stopping)
         newest = {
             samples.Attitude: state.estimates.attitude,
             samples.LocalPosition: state.estimates.position,
@@ -188,39 +188,43 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case samples.Attitude():
             stamped_s = max(state.stamped_s, sample.t_s)
             estimates = est.take_attitude(estimates, sample)
-            return replace(state, t_s=now, stamped_s=stamped_s, estimates=estimates)
+            return with_changes(state, t_s=now, stamped_s=stamped_s, estimates=estimates)
         case samples.LocalPosition():
             return _take_position(state, sample, now)
         case samples.Range() | samples.Ring():
-            return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
+            return with_changes(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case samples.RotorSpeeds():
-            return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))
+            return with_changes(
+                state, t_s=now, estimates=est.take_rotors(estimates, sample, config)
+            )
         case samples.ServoOutput() if sample.port == config.vehicle.servo_port:
-            return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
+            return with_changes(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
         case samples.Heartbeat() if (
             sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT
         ):
             seen = engagement.hear_heartbeat(state.engagement, sample)
             if seen.mode != state.engagement.mode:
                 # Another mode, another beginning: a hold that swung under the last one may try again.
-                state = replace(state, swing=swing_detector.SwingDetector(), left=None)
-            return replace(state, t_s=now, heartbeat=sample, engagement=seen)
+                state = with_changes(state, swing=swing_detector.SwingDetector(), left=None)
+            return with_changes(state, t_s=now, heartbeat=sample, engagement=seen)
         case samples.Battery():
-            return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
+            return with_changes(state, t_s=now, estimates=with_changes(estimates, battery=sample))
         case samples.Pressure():
-            return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
+            return with_changes(state, t_s=now, estimates=with_changes(estimates, pressure=sample))
         case samples.EstimatorStatus():
-            return replace(
-                state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample))
+            return with_changes(
+                state,
+                t_s=now,
+                estimates=with_changes(estimates, trust=estimates.trust.after(sample)),
             )
         case samples.EscTemperatures():
-            return replace(
+            return with_changes(
                 state, t_s=now, estimates=est.take_temperatures(estimates, sample.temperature_c)
             )
         case samples.AttitudeTarget():
             stamped_s = max(state.stamped_s, sample.t_s)
             hover = _learned_hover(state, sample)
-            return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
+            return with_changes(state, t_s=now, stamped_s=stamped_s, hover=hover)
         case samples.Imu() if state.adaptation is not None:
             here = Situation(
                 estimates,
@@ -229,9 +233,13 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
                 state.air.since_s,
                 state.air.landed_state,
             )
-            return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
+            return with_changes(
+                state, adaptation=adapt.hear(state.adaptation, here, sample, config)
+            )
         case samples.LandedState():
-            return replace(state, t_s=now, air=state.air._replace(landed_state=sample.landed_state))
+            return with_changes(
+                state, t_s=now, air=state.air._replace(landed_state=sample.landed_state)
+            )
         case _:
             return _take_request(state, sample, config)
 
@@ -250,7 +258,7 @@ def _take_position(
     if hold is not None and reset is not None and reset.t_s == sample.t_s:
         # The autopilot set its position anew: the hold point moves with it, the vehicle itself did not move.
         hold = shifted(hold, reset.by_ned)
-    return replace(
+    return with_changes(
         state,
         t_s=now_s,
         stamped_s=stamped_s,
@@ -265,13 +273,13 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
     """What others ask for: parameters' answers, targets for the hold, an upstream controller's setpoints."""
     match sample:
         case samples.Parameter():
-            return replace(state, parameters={**state.parameters, sample.name: sample.value})
+            return with_changes(state, parameters={**state.parameters, sample.name: sample.value})
         case samples.SetPositionTarget() if sample.target_component == OWN_COMPONENT:
             return _retarget(state, sample)
         case samples.SetAttitudeTarget() if (
             config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
         ):
-            return replace(state, upstream=sample)
+            return with_changes(state, upstream=sample)
     return state
 
 
@@ -280,7 +288,7 @@ def _surveyed(
 ) -> PipelineState:
     """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
     if isinstance(sample, samples.SetPositionTarget) and sample.target_component == OWN_COMPONENT:
-        return replace(state, survey=aborted(state.survey, "a target came from outside"))
+        return with_changes(state, survey=aborted(state.survey, "a target came from outside"))
     position = state.estimates.position
     disturbance = state.disturbance
     if not isinstance(sample, samples.LocalPosition) or position is None:
@@ -307,7 +315,7 @@ def _surveyed(
         towards=towards,
     )
     survey, wanted = advance(state.survey, box, seen)
-    state = replace(state, survey=survey)
+    state = with_changes(state, survey=survey)
     if wanted is None:
         return state
     return _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
@@ -322,7 +330,7 @@ def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     if state.hold is None or position is None:
         if state.wall_drift is NO_WALL_DRIFT:
             return state
-        return replace(state, wall_drift=NO_WALL_DRIFT)
+        return with_changes(state, wall_drift=NO_WALL_DRIFT)
     t_s = position.t_s
     if disturbance is None:
         ground, wall = (est.surface(estimates, config, what, t_s) for what in ("ground", "wall"))
@@ -339,7 +347,7 @@ def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     else:
         notice = state.notice
     drift = height_drift.compare(state.drift, ground, position)
-    return replace(state, drift=drift, wall_drift=beside, notice=notice)
+    return with_changes(state, drift=drift, wall_drift=beside, notice=notice)
 
 
 def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> PipelineState:
@@ -351,8 +359,8 @@ def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> Pipeli
     yaw = math.atan2(rows[1][0], rows[0][0])
     target = read_target(sample, state.hold.target, position.position_ned, yaw)
     if target is None:
-        return replace(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
-    return replace(state, hold=state.hold._replace(target=target))
+        return with_changes(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
+    return with_changes(state, hold=state.hold._replace(target=target))
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
@@ -386,7 +394,7 @@ def _decide(
     had_hold = state.hold is not None
     state, base = _base(state, bool(held_back), thrust, config, t_s)
     before = state.offsets.applied
-    state = replace(
+    state = with_changes(
         state,
         offsets=_offsets(
             state=state,
@@ -405,14 +413,14 @@ def _decide(
     hand_over = None
     if held_back:
         if had_hold:
-            state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
+            state = _let_go(with_changes(state, left=_left(state, held_back, t_s)), held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
         if command is not None:
             hand_over = state.hand_over
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
     hold = None if held_back else state.hold
-    state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over)
+    state = with_changes(state, decided_s=t_s, hold=hold, hand_over=hand_over)
     return state, Decision(
         t_s=t_s,
         command=command,
@@ -484,7 +492,7 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     rotors = est.rotor_speeds(state.estimates, config, t_s)
     rows = state.estimates.rows
     if rotors is None or rows is None:
-        return replace(state, disturbance=None, disturbance_s=t_s)
+        return with_changes(state, disturbance=None, disturbance_s=t_s)
     if state.adaptation is None:
         applied = None
     else:
@@ -502,7 +510,7 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     if state.air.flies(t_s):
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
         share += min(max(t_s - state.disturbance_s, 0.0) / _LIFT_TIME_S, 1.0) * (now - share)
-    return replace(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
+    return with_changes(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
 
 
 def damping_1_s(state: PipelineState, config: PipelineConfig) -> float:
@@ -534,7 +542,7 @@ def _airborne(
     else:
         climb = position.velocity_ned[2]
     seen = engagement.watch_take_off(state.engagement, t_s, climb, air)
-    return replace(state, air=air, engagement=seen, notice=notice, late_since_s=late_since_s)
+    return with_changes(state, air=air, engagement=seen, notice=notice, late_since_s=late_since_s)
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
@@ -625,7 +633,7 @@ def _base(
         )
         hold = _returned(hold, state.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return replace(state, hold=hold, wall_ahead=wall_ahead, left=None), base
+    return with_changes(state, hold=hold, wall_ahead=wall_ahead, left=None), base
 
 
 def _left(state: PipelineState, held_back: set[Reason], t_s: float) -> tuple[Target, float] | None:
@@ -634,7 +642,7 @@ def _left(state: PipelineState, held_back: set[Reason], t_s: float) -> tuple[Tar
         return None
     target = settled_target(state.hold)
     north, east, down = target.position
-    return replace(target, position=(north, east, down - state.drift.correction_m)), t_s
+    return with_changes(target, position=(north, east, down - state.drift.correction_m)), t_s
 
 
 def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, t_s: float) -> Hold:
@@ -645,7 +653,7 @@ def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, 
         or math.dist(left[0].position, position) > _RETURN_M
     ):
         return hold
-    return hold._replace(target=replace(left[0], set_s=t_s))
+    return hold._replace(target=with_changes(left[0], set_s=t_s))
 
 
 def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
@@ -675,7 +683,7 @@ def _keep_balance(
         return state
     north, east = _level_acceleration(roll, pitch, math.atan2(rows[1][0], rows[0][0]))
     down = -lost * thrust.slope * GRAVITY
-    return replace(state, hold=balanced(hold, (north, east, down)))
+    return with_changes(state, hold=balanced(hold, (north, east, down)))
 
 
 def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> PipelineState:
@@ -683,7 +691,7 @@ def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> Pipelin
     if state.last is None or not 0.0 <= t_s - state.decided_s <= HAND_OVER_S:
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
-    return replace(
+    return with_changes(
         state,
         hand_over=begin_hand_over(
             state.last, held_back, t_s, places, hand_over_place(state, state.hold)

@@ -14,7 +14,7 @@ from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 
 _TUNE_PERIOD_S = 1.0
 """A plant does not change faster, and choosing gains takes milliseconds where it is new."""
@@ -35,7 +35,7 @@ def settle(
     if estimates.attitude is not sample:
         return state
     if adaptation is not None and adaptation.full is not None:
-        state = replace(state, adaptation=learn(adaptation, config))
+        state = with_changes(state, adaptation=learn(adaptation, config))
     t_s = sample.t_s
     rows = estimates.rows
     assert rows is not None
@@ -47,12 +47,12 @@ def settle(
     if estimates.position is not None:
         balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z))
     if config.base is not Base.HOLD:
-        return replace(state, timing=timing, balance=balance)
+        return with_changes(state, timing=timing, balance=balance)
     if not config.dry_run:
         response = attitude_response.hear_tilt(
             response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0))
         )
-    state = replace(state, timing=timing, balance=balance, response=response)
+    state = with_changes(state, timing=timing, balance=balance, response=response)
     if decision is None:
         return state
     if state.hold is not None and decision.base is not None:  # it flies
@@ -67,15 +67,17 @@ def _remember(
 ) -> PipelineState:
     """What letting go begins with, and what the attitude is to answer to."""
     if not isinstance(command, AttitudeCommand):
-        return replace(state, last=base)
+        return with_changes(state, last=base)
     roll = base.roll + state.offsets.applied.roll
     pitch = base.pitch + state.offsets.applied.pitch
-    state = replace(
+    state = with_changes(
         state, last=BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
     )
     if config.dry_run:
         return state
-    return replace(state, response=attitude_response.sent(state.response, command.t_s, roll, pitch))
+    return with_changes(
+        state, response=attitude_response.sent(state.response, command.t_s, roll, pitch)
+    )
 
 
 def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> PipelineState:
@@ -84,15 +86,15 @@ def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> Pipeli
     (north, east, down), (x, y, z) = base.acceleration, state.hold.reference.acceleration
     swing = swing_detector.watch(state.swing, t_s, (north - x, east - y, down - z))
     if swing.level == state.swing.level:
-        return replace(state, swing=swing)
-    return replace(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
+        return with_changes(state, swing=swing)
+    return with_changes(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
 
 
 def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
     """Gains for the plant as it is known now, once a second."""
     if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not Base.HOLD:
         return state
-    state = replace(state, swing=swing_detector.calmed(state.swing, t_s))
+    state = with_changes(state, swing=swing_detector.calmed(state.swing, t_s))
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
         measured = state.loop.source is Source.MEASURED
@@ -102,7 +104,7 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
             loop = declared_loop(stack_of(state.heartbeat), state.parameters)
     elif state.loop.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
-        state = replace(state, swing=replace(state.swing, level=0))
+        state = with_changes(state, swing=with_changes(state.swing, level=0))
     if (
         loop.source is state.loop.source
         and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s
@@ -117,5 +119,5 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
         and soft < _SLOW_SHARE
         and (before is None or min(before.share, before.climb_share) >= _SLOW_SHARE)
     ):
-        state = replace(state, notice=(Notice.SLOW_PLANT, t_s))
-    return replace(state, loop=loop, tuned=tuned, tuned_s=t_s)
+        state = with_changes(state, notice=(Notice.SLOW_PLANT, t_s))
+    return with_changes(state, loop=loop, tuned=tuned, tuned_s=t_s)

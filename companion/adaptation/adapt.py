@@ -41,7 +41,7 @@ from companion.config import PipelineConfig
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
 from models.common.frames import GRAVITY, Array, Rows
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.vehicle import Vehicle
 
 BLOCK_S = 0.2
@@ -172,7 +172,7 @@ def initial(config: PipelineConfig) -> Adaptation | None:
         learned=learned,
     )
     wanted = _wanted(state)
-    return replace(state, wanted=wanted, applied=wanted)
+    return with_changes(state, wanted=wanted, applied=wanted)
 
 
 @lru_cache(maxsize=4)
@@ -192,12 +192,12 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
     if imu.source != known.source:
         if now_s - known.heard_s < _SOURCE_SILENT_S:
             return known
-        known = replace(known, source=imu.source, block=None)
+        known = with_changes(known, source=imu.source, block=None)
     disturbance = here.disturbance
     rows = here.estimates.rows
     why = pause(here, imu, config, known.clear)
     if why is not None:
-        return replace(
+        return with_changes(
             known,
             heard_s=now_s,
             paused=why,
@@ -208,7 +208,7 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
             clear=None,
         )
     if now_s - known.paused_s < _PAUSE_S:
-        return replace(known, heard_s=now_s)
+        return with_changes(known, heard_s=now_s)
     block = known.block
     if block is not None and now_s == block.end_s:
         return known  # sent twice
@@ -222,7 +222,9 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
             if block.samples >= _LEAST_SAMPLES and disturbance is not None and rows is not None:
                 full = (block, disturbance, rows)
             block = block_of.follow(block)
-    return replace(known, heard_s=now_s, paused=None, block=block, full=full, clear=disturbance)
+    return with_changes(
+        known, heard_s=now_s, paused=None, block=block, full=full, clear=disturbance
+    )
 
 
 def _longer(
@@ -287,7 +289,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
             )
         learned = _learned(known, sizes)
         believed = _believed(known.channels, judged)
-        known = replace(
+        known = with_changes(
             known,
             sizes=sizes,
             judged=judged,
@@ -295,11 +297,11 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
             believed=believed,
             updated_s=block.end_s,
         )
-        known = replace(known, wanted=_wanted(known))
+        known = with_changes(known, wanted=_wanted(known))
     applied = known.applied
     if applied is not known.wanted:
         applied = towards(applied, known.wanted, BLOCK_S)
-    return replace(
+    return with_changes(
         known,
         full=None,
         applied=applied,

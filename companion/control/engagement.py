@@ -12,7 +12,7 @@ from companion.control.reasons import Reason
 from companion.estimation.vectors import lagged
 from companion.mavlink.firmware import Stack, stack_of
 from companion.mavlink.samples import Heartbeat
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3
 
 _SETTLED_CLIMB_M_S = 0.25
@@ -41,7 +41,7 @@ def hear_heartbeat(engagement: Engagement, heartbeat: Heartbeat) -> Engagement:
         changed_s = heartbeat.t_s
     else:
         changed_s = engagement.changed_s
-    return replace(engagement, mode=heartbeat.custom_mode, changed_s=changed_s)
+    return with_changes(engagement, mode=heartbeat.custom_mode, changed_s=changed_s)
 
 
 def watch_take_off(
@@ -53,7 +53,7 @@ def watch_take_off(
     After the ground the next flight begins with a take-off again.
     """
     if math.isinf(air.since_s):
-        return replace(engagement, steady_since_s=math.inf, out_of_take_off=False)
+        return with_changes(engagement, steady_since_s=math.inf, out_of_take_off=False)
     if engagement.out_of_take_off:
         return engagement
     steady = (
@@ -69,7 +69,7 @@ def watch_take_off(
         engagement.changed_s > air.since_s + AIRBORNE_AFTER_S and air.landed_state != TAKE_OFF
     )
     over = flown_elsewhere or t_s - since >= _SETTLED_S
-    return replace(engagement, steady_since_s=since, out_of_take_off=over)
+    return with_changes(engagement, steady_since_s=since, out_of_take_off=over)
 
 
 def waits_for_mode(heartbeat: Heartbeat | None, refusals: set[Reason]) -> bool:

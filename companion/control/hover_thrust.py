@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 
 _MEAN_S = 2.0
 """Time constant of the average."""
@@ -37,7 +37,7 @@ class HoverThrust:
 
 def heard(hover: HoverThrust, t_s: float, thrust: float) -> HoverThrust:
     """Remember the thrust that flies."""
-    return replace(hover, now=thrust, now_s=t_s)
+    return with_changes(hover, now=thrust, now_s=t_s)
 
 
 def learn(hover: HoverThrust, t_s: float, thrust: float, cushion: float) -> HoverThrust:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.mavlink.firmware import Stack
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 
 Frequencies = NDArray[np.complexfloating[Any, Any]]
 """A complex quantity over frequency, shape (n,)."""
@@ -286,7 +286,7 @@ def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
 
 @lru_cache(maxsize=256)
 def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
-    led = replace(FULL, tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s)
+    led = with_changes(FULL, tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s)
     share, level = _hardest(
         lambda s: margin_of(horizontal_loop(soften(led, s, 1.0), loop, age_s)), softer
     )

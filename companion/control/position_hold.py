@@ -24,7 +24,7 @@ from companion.control.wall_guard import WallAhead
 from companion.estimation.vectors import clipped, lagged, minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
 from models.common.frames import GRAVITY
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.vehicle import Limits, Vector3
 
 _MOST_LEVEL_M_S2 = GRAVITY * math.tan(math.radians(15.0))
@@ -164,7 +164,7 @@ def settled_target(hold: Hold) -> Target:
         kept if math.isnan(wanted) else wanted
         for wanted, kept in zip(old.position, at, strict=True)
     )
-    return replace(old, position=(north, east, down), velocity=_AT_REST)
+    return with_changes(old, position=(north, east, down), velocity=_AT_REST)
 
 
 def balanced(hold: Hold, acceleration: Vector3) -> Hold:
@@ -184,7 +184,7 @@ def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     reference = hold.reference._replace(position=plus(hold.reference.position, by_ned))
     return hold._replace(
         reference=reference,
-        target=replace(hold.target, position=plus(hold.target.position, by_ned)),
+        target=with_changes(hold.target, position=plus(hold.target.position, by_ned)),
     )
 
 

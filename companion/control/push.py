@@ -16,7 +16,7 @@ from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, f
 from companion.estimation.vectors import plus, turned
 from models.air_state import AirState
 from models.common.frames import Array, Rows
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.effects import Context, adopted_wrench, corrected_state
 from models.effects.effect import AdoptedEffect
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -219,10 +219,12 @@ def adopted_disturbance(
         chosen = model.effects
     else:
         chosen = effects
-    still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
+    still = with_changes(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
 
     def disturbance(ceiling_m: Array) -> Array:
-        context = Context(state=replace(still, ceiling_m=ceiling_m), vehicle=vehicle, model=model)
+        context = Context(
+            state=with_changes(still, ceiling_m=ceiling_m), vehicle=vehicle, model=model
+        )
         return adopted_wrench(chosen, context, in_flight=True)
 
     near = disturbance(state.ceiling_m)
@@ -242,7 +244,7 @@ def adopted_pull_change_n(
     near, further = (
         adopted_wrench(
             model.effects,
-            Context(state=replace(state, d_m=d_m), vehicle=vehicle, model=model),
+            Context(state=with_changes(state, d_m=d_m), vehicle=vehicle, model=model),
             in_flight=True,
         )
         for d_m in (state.d_m, state.d_m + step_m)

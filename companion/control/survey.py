@@ -18,7 +18,7 @@ import numpy as np
 from companion.mavlink.samples import LocalPosition, SetPositionTarget
 from companion.survey_box import TRAVEL_M, SurveyBox
 from models.common.frames import Array
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 
 SPEED_M_S = 0.15
 """Mean speed of a move: the vehicle's own drag stays below what ground and wall do."""
@@ -156,7 +156,7 @@ def as_message(wanted: SurveyTarget, heard: LocalPosition, component: int) -> Se
 def aborted(survey: Survey, why: str) -> Survey:
     """The pilot has taken over: the survey ends where it is and does not come back."""
     if survey.active:
-        return replace(survey, phase=Phase.ABORTED, why=why)
+        return with_changes(survey, phase=Phase.ABORTED, why=why)
     return survey
 
 
@@ -167,11 +167,11 @@ def advance(
     if survey.phase in (Phase.DONE, Phase.ABORTED):
         return survey, None
     if not seen.engaged:
-        return aborted(survey, "the hold let go") if survey.active else replace(
+        return aborted(survey, "the hold let go") if survey.active else with_changes(
             survey, since_s=math.inf
         ), None
     if survey.phase is Phase.WAITING:
-        survey = replace(survey, since_s=min(survey.since_s, seen.t_s))
+        survey = with_changes(survey, since_s=min(survey.since_s, seen.t_s))
         return survey if seen.t_s - survey.since_s < SETTLE_S else _begun(survey, box, seen), None
     if survey.phase is Phase.FLYING:
         why = _danger(survey, box, seen)
@@ -182,9 +182,9 @@ def advance(
     leg = survey.legs[survey.leg]
     end_s = survey.since_s + leg.move_s + leg.stay_s
     if seen.t_s >= end_s and survey.leg + 1 == len(survey.legs):
-        survey = replace(survey, phase=Phase.DONE)
+        survey = with_changes(survey, phase=Phase.DONE)
     elif seen.t_s >= end_s:
-        survey = replace(survey, leg=survey.leg + 1, since_s=end_s)
+        survey = with_changes(survey, leg=survey.leg + 1, since_s=end_s)
     return survey, survey.wanted(seen.t_s)
 
 
@@ -199,7 +199,7 @@ def _begun(survey: Survey, box: SurveyBox, seen: Whereabouts) -> Survey:
     elif far or (box.with_wall and abs(seen.wall_m - box.wall_max_m) > TRAVEL_M):
         why = f"the box is more than {TRAVEL_M:g} m away"
     if why:
-        return replace(survey, why=why, since_s=seen.t_s)
+        return with_changes(survey, why=why, since_s=seen.t_s)
     n, e = (0.0, 0.0) if seen.towards is None else seen.towards
     legs = plan(box, (seen.height_m, seen.wall_m if box.with_wall else 0.0))
     axes = np.array([[0.0, 0.0, -1.0], [-n, -e, 0.0]])
@@ -269,4 +269,4 @@ def _turned_back(survey: Survey, seen: Whereabouts, why: str) -> Survey:
     up, away = (survey.axes @ (seen.position - survey.anchor)).tolist()
     top = max(up, *(leg.end[0] for leg in survey.legs))
     home = _legs((up, away), [(top, max(away, 0.0), 0.0), (top, 0.0, 0.0), (0.0, 0.0, DWELL_S)])
-    return replace(survey, phase=Phase.RETURNING, legs=home, leg=0, since_s=seen.t_s, why=why)
+    return with_changes(survey, phase=Phase.RETURNING, legs=home, leg=0, since_s=seen.t_s, why=why)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3
 
 _MEAN_S = 3.0
@@ -63,12 +63,12 @@ def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetect
     """
     dt = t_s - detector.t_s
     if not 0.0 < dt <= 0.5:
-        return replace(detector, axes=SwingDetector().axes, t_s=t_s)
+        return with_changes(detector, axes=SwingDetector().axes, t_s=t_s)
     axes = tuple(
         [_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)]
     )
     if not any(map(_swings, axes)):
-        return replace(detector, axes=axes, t_s=t_s)
+        return with_changes(detector, axes=axes, t_s=t_s)
     return SwingDetector(
         level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s
     )
@@ -84,7 +84,7 @@ def calmed(detector: SwingDetector, t_s: float) -> SwingDetector:
         detector.swings - 1
     ):
         return detector
-    return replace(detector, level=detector.level - 1, stepped_s=t_s)
+    return with_changes(detector, level=detector.level - 1, stepped_s=t_s)
 
 
 def _one(axis: SwingAxis, t_s: float, dt: float, value: float) -> SwingAxis:

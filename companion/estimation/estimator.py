@@ -46,7 +46,7 @@ from companion.mavlink.samples import (
     ServoOutput,
 )
 from models.common.frames import Rows, rotation_rows
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3, Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
@@ -187,7 +187,7 @@ def blank_estimates(vehicle: Vehicle) -> Estimates:
 
 def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
     """The newest attitude; the rotation is kept beside it, in plain floats."""
-    return replace(estimates, attitude=sample, rows=rotation_rows(*sample.q_ned_frd))
+    return with_changes(estimates, attitude=sample, rows=rotation_rows(*sample.q_ned_frd))
 
 
 def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
@@ -197,7 +197,7 @@ def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
     else:
         reset = position_reset(estimates.position, sample)
     beams = tuple([_carried(beam, sample, reset) for beam in estimates.beams])
-    return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
+    return with_changes(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
 
 
 def _carried(beam: BeamTrack, sample: LocalPosition, reset: PositionReset | None) -> BeamTrack:
@@ -205,13 +205,13 @@ def _carried(beam: BeamTrack, sample: LocalPosition, reset: PositionReset | None
     if beam.track is not None and beam.normal_ned is not None:
         closing = -dot(sample.velocity_ned, beam.normal_ned)
         track = measure_rate(beam.track, _RANGE_TRACK, sample.t_s, closing, _VELOCITY_SIGMA_M_S)
-        beam = replace(beam, track=track)
+        beam = with_changes(beam, track=track)
     if reset is None:
         return beam
     old = beam.jumped_from
     if old is not None:
         old = old._replace(position_ned=plus(old.position_ned, reset.by_ned))
-    return replace(beam, read=Doubt(beam.read.why, None, None), jumped_from=old)
+    return with_changes(beam, read=Doubt(beam.read.why, None, None), jumped_from=old)
 
 
 class Reading(NamedTuple):
@@ -316,7 +316,7 @@ def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Est
         places, beams, placed(view, [b.normal_ned for b in beams]), strict=True
     ):
         if not plane.same_wall(old.normal_ned):
-            old = replace(old, track=None, read=UNREAD, jumped_from=None)
+            old = with_changes(old, track=None, read=UNREAD, jumped_from=None)
         normal = plane.normal_ned
         reading = Reading(sample.t_s, sensor, plane.slant_m, normal, plane.distance_m, normal)
         estimates = _read(estimates, k, old, reading, config)
@@ -346,15 +346,17 @@ def _read(
             read = Doubt(None, None, read.sight)
         else:
             read = doubt(here, read, near_m, target)
-    beam = replace(beam, sensor=reading.sensor, heard_s=t_s, slant_m=slant, read=read)
+    beam = with_changes(beam, sensor=reading.sensor, heard_s=t_s, slant_m=slant, read=read)
     clear_since_s = math.inf
     if not math.isnan(slant) and read.why is None:
         if math.isfinite(reading.distance_m):
             beam = _measured(beam, reading, here, near_m)
         elif math.isinf(reading.distance_m):
             clear_since_s = min(beam.clear_since_s, t_s)
-    beam = replace(beam, clear_since_s=clear_since_s)
-    return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
+    beam = with_changes(beam, clear_since_s=clear_since_s)
+    return with_changes(
+        estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :])
+    )
 
 
 def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: float) -> BeamTrack:
@@ -367,7 +369,7 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
     )
     track, outcome = measure(before, _RANGE_TRACK, t_s, reading.distance_m, sigma, _RANGE_DELAY_S)
     if outcome is Outcome.OUTLIER:
-        return replace(beam, track=track)
+        return with_changes(beam, track=track)
     old = beam.jumped_from
     if here is not None and old is not None:
         old = remembered(old, reading.distance_m, reading.normal_ned, here.position_ned)
@@ -379,7 +381,7 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
             old = jumped(place, reading.distance_m, near_m)
         else:
             old = None
-    return replace(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)
+    return with_changes(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
@@ -410,7 +412,9 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
         undeclared_s = sample.t_s
     else:
         undeclared_s = estimates.undeclared_s
-    estimates = replace(estimates, rotors=tuple(rotors), packets=packets, undeclared_s=undeclared_s)
+    estimates = with_changes(
+        estimates, rotors=tuple(rotors), packets=packets, undeclared_s=undeclared_s
+    )
     return take_temperatures(estimates, sample.temperature_c)
 
 
@@ -446,16 +450,16 @@ def _counted(estimates: Estimates, sample: RotorSpeeds) -> tuple[Mapping[int, Pa
 def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig) -> Estimates:
     """Servo outputs: vanes, and rotor speeds where none is telemetered."""
     if config.vehicle.telemetered:
-        return replace(estimates, servo=sample)
+        return with_changes(estimates, servo=sample)
     rpm = rpm_from_servos(config.vehicle, config.model, np.asarray(sample.pwm_us, dtype=float))
-    return replace(estimates, servo=sample, servo_rpm=tuple(rpm.tolist()))
+    return with_changes(estimates, servo=sample, servo_rpm=tuple(rpm.tolist()))
 
 
 def take_temperatures(estimates: Estimates, celsius: Iterable[float]) -> Estimates:
     """The hottest ESC; places that read NaN are left out."""
     known = [t for t in celsius if math.isfinite(t)]
     if known:
-        return replace(estimates, esc_temperature_c=max(known))
+        return with_changes(estimates, esc_temperature_c=max(known))
     return estimates
 
 

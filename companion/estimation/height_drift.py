@@ -19,7 +19,7 @@ from typing import NamedTuple
 from companion.estimation.estimator import Seen, Surface
 from companion.estimation.range_doubt import GROUND_USED_M
 from companion.mavlink.samples import LocalPosition
-from models.common.frozen_copy import replace
+from models.common.frozen_copy import with_changes
 
 LOW_M = GROUND_USED_M
 """Higher than this nothing is compared: a beam spreads, and the ground is far."""
@@ -119,7 +119,7 @@ def hear(drift: HeightDrift, sample: LocalPosition) -> tuple[HeightDrift, LocalP
                 )
     elif marks:
         marks = ()
-    drift = replace(
+    drift = with_changes(
         drift, marks=marks, correction_m=correction, sunk_m=sunk, down=(sample.t_s, down, vd)
     )
     if correction == 0.0 and drift.velocity_m_s == 0.0:
@@ -132,11 +132,13 @@ def hear(drift: HeightDrift, sample: LocalPosition) -> tuple[HeightDrift, LocalP
 def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> HeightDrift:
     """Compare the ground range with the newest position; ``position`` as flown by, at the same instant."""
     if ground.seen is Seen.FROZEN and not math.isnan(drift.reading_m):
-        return replace(
+        return with_changes(
             NO_DRIFT, correction_m=drift.changed_correction_m, sunk_m=drift.sunk_m, down=drift.down
         )
     if ground.seen is Seen.SURFACE and ground.slant_m != drift.reading_m:
-        drift = replace(drift, reading_m=ground.slant_m, changed_correction_m=drift.correction_m)
+        drift = with_changes(
+            drift, reading_m=ground.slant_m, changed_correction_m=drift.correction_m
+        )
     t_s = position.t_s
     marks = drift.marks
     (north, east, _), (vn, ve, _) = position.position_ned, position.velocity_ned
@@ -146,7 +148,7 @@ def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> Hei
         or math.hypot(vn, ve) > _MOVES_M_S
     ):
         return (
-            replace(drift, marks=(), compared_s=t_s) if marks else drift
+            with_changes(drift, marks=(), compared_s=t_s) if marks else drift
         )  # the correction stays as it is
     height = ground.distance_m
     level = height + drift.down[1]
@@ -165,12 +167,12 @@ def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> Hei
         if marks:
             drift = _followed(drift, now)
         else:
-            drift = replace(drift, level_m=now.ground_m + drift.correction_m)
-    drift = replace(drift, compared_s=t_s)
+            drift = with_changes(drift, level_m=now.ground_m + drift.correction_m)
+    drift = with_changes(drift, compared_s=t_s)
     if marks and t_s - marks[-1].t_s < _MARK_S - 1e-6:
         return drift
     marks = (*marks, now)[-_WINDOWS[-1] - 1 :]
-    drift = replace(drift, marks=marks)
+    drift = with_changes(drift, marks=marks)
     if drift.drifts:
         return _calmed(drift)
     return _noticed(drift)
@@ -197,7 +199,7 @@ def _noticed(drift: HeightDrift) -> HeightDrift:
         seconds = last.t_s - first.t_s
         by_velocity = last.ground_by_velocity_m - first.ground_by_velocity_m
         alone = abs(by_velocity) < 0.5 * abs(change)
-        return replace(
+        return with_changes(
             drift,
             since_s=last.t_s,
             rate_m_s=-change / seconds,
@@ -214,10 +216,10 @@ def _followed(drift: HeightDrift, now: Mark) -> HeightDrift:
     wanted = drift.level_m - now.ground_m
     if wanted < drift.correction_m and not drift.led_down:
         # The range would have the vehicle sink, and is alone with that: the ground is where both agree to put it.
-        return replace(drift, level_m=now.ground_m + drift.correction_m)
+        return with_changes(drift, level_m=now.ground_m + drift.correction_m)
     step = _BACK_M_S * min(max(now.t_s - drift.compared_s, 0.0), _MARK_S)
     correction = min(max(wanted, drift.correction_m - step), drift.correction_m + step)
-    return replace(drift, correction_m=correction)
+    return with_changes(drift, correction_m=correction)
 
 
 def _calmed(drift: HeightDrift) -> HeightDrift:
@@ -233,7 +235,7 @@ def _calmed(drift: HeightDrift) -> HeightDrift:
     else:
         since = math.inf
     if last.t_s - since >= _CALM_S:
-        return replace(
+        return with_changes(
             drift, since_s=math.inf, rate_m_s=0.0, velocity_m_s=0.0, calm_since_s=math.inf
         )
-    return replace(drift, rate_m_s=rate, calm_since_s=since)
+    return with_changes(drift, rate_m_s=rate, calm_since_s=since)

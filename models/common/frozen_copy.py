@@ -1,7 +1,7 @@
-"""``dataclasses.replace`` for records that change at every message: a copy of the dictionary instead of a call of init.
+"""Copies of records that change at every message: of their dictionary, instead of a call of init.
 
-The record must be a frozen dataclass without slots whose fields are all arguments of its constructor. Names are checked
-by the type checker, which sees ``dataclasses.replace``.
+It takes a fifth of the time of ``dataclasses.replace``. The record must be a frozen dataclass without slots, and its
+fields must all be arguments of its constructor.
 """
 
 from __future__ import annotations
@@ -9,21 +9,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from dataclasses import replace
+    # The type checker checks the names and types of the changes.
+    from dataclasses import replace as with_changes
 else:
     _new = object.__new__
     _set = object.__setattr__
 
-    def replace(record: Any, /, **changes: Any) -> Any:
-        """The same record with these fields changed; the record itself stays as it was."""
+    def with_changes(record: Any, /, **changes: Any) -> Any:
+        """The same record with these fields changed; the record itself stays as it was. TypeError for another name."""
         new = _new(record.__class__)
         kept = record.__dict__
         fields = record.__dataclass_fields__
         if len(kept) > len(fields):  # a cached property of the old values
             kept = {name: kept[name] for name in fields}
         # One union and one assignment: five times as fast as filling the new record's own dictionary.
-        _set(new, "__dict__", kept | changes)
+        together = kept | changes
+        if len(together) > len(fields):
+            wrong = min(changes.keys() - fields.keys())
+            raise TypeError(f"{record.__class__.__name__} has no field {wrong!r}")
+        _set(new, "__dict__", together)
         return new
 
 
-__all__ = ["replace"]
+__all__ = ["with_changes"]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from models.common.frozen_copy import replace
+import pytest
+
+from models.common.frozen_copy import with_changes
 
 
 @dataclass(frozen=True)
@@ -20,5 +22,10 @@ class Square:
 def test_a_cached_property_is_computed_anew() -> None:
     small = Square(2.0)
     assert small.area == 4.0
-    large = replace(small, side=3.0)
+    large = with_changes(small, side=3.0)
     assert (large.area, small.area) == (9.0, 4.0)
+
+
+def test_a_misspelt_field_is_an_error() -> None:
+    with pytest.raises(TypeError, match="has no field 'sidee'"):
+        with_changes(Square(2.0), sidee=3.0)  # type: ignore[call-arg]
