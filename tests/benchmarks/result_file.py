@@ -125,6 +125,8 @@ def _command() -> str:
     program = Path(sys.argv[0])
     if program.name == "__main__.py":
         start = f"cd tests/benchmarks && python -m {program.parent.name}"
+    elif program.resolve().parent.parent == Path(__file__).resolve().parent:
+        start = f"cd tests/benchmarks && python -m {program.parent.name}.{program.stem}"
     else:
         start = f"python tests/benchmarks/{program.name}"
     return " ".join([start, *map(shlex.quote, arguments)])

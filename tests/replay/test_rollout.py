@@ -18,6 +18,7 @@ from models.vehicle import Vehicle, load_vehicle
 from replay import FlightModel, rollout
 from replay.cli import main
 from replay.predict.rollout import POSITION, QUATERNION, RATES, VELOCITY, Surroundings
+from replay.predict.windows import _all_known
 from tests.replay.rigid_flight import RATE_HZ, fly
 
 SHIPPED = Path(__file__).parents[2] / "companion" / "vehicles" / "quad.toml"
@@ -177,16 +178,42 @@ def test_the_command_tells_the_error_by_horizon(
 
 
 def test_a_horizon_longer_than_the_log_is_one_line(
-    asked: tuple[Path, Path, Path], capsys: pytest.CaptureFixture[str]
+    asked: tuple[Path, Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     log, *_ = asked
-    short = predict(asked, "--horizon", "10")
-    said = capsys.readouterr()
-    if short != 0:
-        assert short == 3
-        assert len(said.err.strip().splitlines()) == 1
-        assert str(log) in said.err
-        assert "--horizon" in said.err
+    monkeypatch.setattr("replay.predict.cli.MOST_S", 1000.0)
+    assert predict(asked, "--horizon", "600") == 3
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"{log}: no window of 600 s without a gap" in line
+
+
+def test_windows_with_a_gap_are_left_out() -> None:
+    """A window holds its steps and the state after the last one."""
+    known = np.ones(20, dtype=bool)
+    known[9] = False
+    starts = np.arange(0, 15)
+    whole = _all_known(known, starts, steps=3)
+    assert list(starts[~whole]) == [6, 7, 8, 9]
+
+
+def test_a_window_that_runs_away_is_counted_and_in_no_mean(
+    asked: tuple[Path, Path, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def runaway(*given: object, **named: object) -> Array:
+        path = rollout(*given, **named)
+        path[::2, -1, VELOCITY] = 1e6
+        return path
+
+    file = tmp_path / "answer.json"
+    monkeypatch.setattr("replay.predict.horizon.rollout", runaway)
+    assert predict(asked, "--horizon", "0.5", "--json", str(file)) == 0
+    answer = json.loads(file.read_text())
+    counted = answer["windows"]
+    assert abs(counted["diverged"] - counted["judged"]) <= 1
+    assert counted["diverged"] > 0
+    assert answer["horizon"]["velocity"][-1]["mae"] < 1.0
 
 
 @pytest.mark.parametrize("wrong", ["0", "-1", "nan", "soon", "60"])
