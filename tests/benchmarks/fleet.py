@@ -3,8 +3,8 @@
     python tests/benchmarks/fleet.py [--answers 10000] [--logs 24] [--result FILE]
 
 The answers of the store are made up: fifty vehicles, one size that varies from flight to flight, and on every fifth
-vehicle a step in the middle of its season. So what is found can be judged. The logs are short simulated hovers. Half-way
-through them the run is killed (SIGKILL), and begun again.
+vehicle a step in the middle of its season. So what is found can be judged. The logs are short simulated hovers.
+Half-way through them the run is killed (SIGKILL), and begun again.
 """
 
 from __future__ import annotations
