@@ -97,6 +97,10 @@ def rollout(
     rates of change over the step.
     Raises ConfigError where shapes do not fit.
     """
+    if not isinstance(model, FlightModel):
+        raise ConfigError(
+            f"rollout: model is a {type(model).__name__}; give FlightModel(vehicle, surrogate)"
+        )
     start = np.asarray(states, dtype=float)
     commands = np.asarray(inputs, dtype=float)
     _check(model.vehicle, start, commands)

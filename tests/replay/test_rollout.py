@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from field_case_logs import bin_log
 
+import models
 import replay
 from models.common.errors import ConfigError
 from models.common.frames import GRAVITY, Array
@@ -133,6 +134,12 @@ def test_shapes_that_do_not_fit(
     quad = replace(vehicle)
     with pytest.raises(ConfigError, match=message):
         rollout(FlightModel(quad), states, inputs)
+
+
+def test_a_surrogate_alone_does_not_fly(vehicle: Vehicle) -> None:
+    """It says the wrench of a fan; mass and places of the fans are the vehicle's."""
+    with pytest.raises(ConfigError, match=r"give FlightModel\(vehicle, surrogate\)"):
+        rollout(models.load(), np.zeros((1, 13)), np.zeros((1, 5, 4)))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
