@@ -12,7 +12,7 @@ import pytest
 import reliability
 from measured import answers
 from measured.judge import OLD_NAMES, judge, judge_refusal
-from measured.known import CATALOGUE, TABLE, Flight, Range, read, together
+from measured.known import CATALOGUE, TABLE, YOUNGER, Flight, Range, read, together
 
 from models.effects import catalogue
 
@@ -48,7 +48,8 @@ def sized(name, **values):
 
 
 def test_every_effect_of_the_catalogue_may_stand_in_the_table():
-    assert {e.name for e in catalogue()} <= CATALOGUE
+    assert {e.name for e in catalogue()} <= CATALOGUE | YOUNGER
+    assert not CATALOGUE & YOUNGER
 
 
 @pytest.mark.parametrize("table", sorted(TABLE.parent.glob("*.toml")), ids=lambda path: path.stem)
