@@ -58,7 +58,8 @@ EFFECT = Effect(
     lacking=_lacking,
     needs_moments=True,
     exact=True,
-    chance=0.05,
+    # Rotors that speed up are flywheels in everything else, too: gyroscopic says both, and is named first.
+    chance=0.0005,
     aliases=("gyroscopic",),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),
