@@ -58,7 +58,7 @@ EFFECT = Effect(
     lacking=_lacking,
     needs_moments=True,
     exact=True,
-    # Rotors that speed up are flywheels in everything else, too: gyroscopic says both, and is named first.
+    # Rotors that speed up are flywheels in all else, too: gyroscopic says both, and comes first.
     chance=0.0005,
     aliases=("gyroscopic",),
     in_flight=NOT_FLOWN,
