@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from models.common.arguments import Parser, VersionAction, run_command
-from models.common.errors import ConfigError, LogError
+from models.common.errors import TOO_LARGE, ConfigError, LogError
 from replay.pipeline_options import (
     EXIT_CODES,
     add_answer_options,
@@ -76,13 +76,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _checked(a: argparse.Namespace) -> int:
     system = getattr(a, "target_system", None)  # a store has none
     if system is not None and not 1 <= system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+        raise ConfigError(f"--target-system {system}: must be 1 to 255")
     try:
         return int(a.run(a))
     except MemoryError:
-        raise LogError(
-            "the log needs more memory than there is: cut it, or use a machine with more"
-        ) from None
+        raise LogError(f"{TOO_LARGE}: cut it, or use a machine with more") from None
 
 
 def _run(a: argparse.Namespace) -> int:

@@ -103,13 +103,14 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         self._check()
         return predict(_paths(logs), self.vehicle_, self.model_, frozen=frozen, horizon_s=horizon_s)
 
-    def score(self, logs: Log | Sequence[Log], y: object = None) -> float:
-        """Share of the residual's energy on other logs that the effects explain: 1 is all, 0 nothing, < 0 harm.
+    def score(self, logs: Log | Sequence[Log], y: object = None, *, frozen: bool = False) -> float:
+        """Share of the residual's energy on other logs that the amended model explains: 1 is all, < 0 is harm.
 
-        Energy is the sum over axes of squares, in hundredths of the weight (times the arm, for moments). ``y`` is not
-        used.
+        Wind, load and accelerometer offset of the day, learned from the first 20 s of each flight, are a part of it.
+        With ``frozen`` the effects of the vehicle stand alone. Energy is the sum over axes of squares, in hundredths
+        of the weight (times the arm, for moments). ``y`` is not used.
         """
-        prediction = self.predict(logs)
+        prediction = self.predict(logs, frozen=frozen)
         unit = hundredths(prediction.records[0].context)
         without = 0.0
         left = 0.0

@@ -10,7 +10,7 @@ class VehicleIdentity:
     """What tells a vehicle from others; empty where a log does not say it."""
 
     vehicle: str
-    """The key: by the board, else by the offsets of its sensors, else by frame and number."""
+    """The key: by the board, else by the offsets of its accelerometers, else by frame and number."""
     board: str
     firmware: str
     frame: str

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from companion.vehicles import chosen_vehicle
 from models.choice import choose
+from models.common.pages.shown import ShownPage
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis import diagnose as asked
@@ -28,11 +28,7 @@ class NotebookDiagnosis(Diagnosis):
 
     def _repr_html_(self) -> str:
         document = page(self, self.records[0].context.vehicle, model_faults(self.records, None))
-        # A whole page inside another: its style stays its own.
-        style = "width:100%;height:40rem;border:0"
-        return (
-            f'<iframe title="answer" style="{style}" sandbox srcdoc="{escape(document)}"></iframe>'
-        )
+        return ShownPage(document)._repr_html_()
 
 
 def diagnose(

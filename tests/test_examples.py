@@ -49,7 +49,7 @@ RUNS = {
     "own_surrogate.py": (["fan.csv", "fan", "polynomial"], "FanSurrogate(method='polynomial'"),
     "query_surrogate.py": ([], "of lift, trusted"),
     "own_effect.py": (["monday.tlog", "my.toml"], "s of flight judged"),
-    "offsets_of_a_log.py": (["monday.tlog", "my.toml"], "s"),
+    "offsets_of_a_log.py": (["monday.tlog", "my.toml"], "decisions; the last: Decision("),
     "fleet.py": (["fleet/store.sqlite"], "vehicles by effect"),
 }
 

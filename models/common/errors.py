@@ -1,5 +1,8 @@
 """Errors a user can cause. Each carries one line that names the file, key or message and says what to do."""
 
+TOO_LARGE = "the log needs more memory than there is"
+"""Begins the line of a command that ran out of memory."""
+
 
 class UserError(Exception):
     """Base of every error that is reported as one line, without a traceback.

@@ -65,9 +65,12 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
     try:
         for job, answer in _answers(a, out, jobs):
             by_job[job] = answer
-    finally:
-        # An interrupted run leaves table and page of what it has, too.
-        written = _write(a, out, title, by_job)
+    except BaseException:
+        # An interrupted run shows what it has; one that never began changes no table.
+        if by_job:
+            _write(a, out, title, by_job)
+        raise
+    written = _write(a, out, title, by_job)
     answers = [by_job[job] for job in jobs]
     bad = [answer for answer in answers if "error" in answer]
     for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from models.common.arguments import installed_version
-from models.common.errors import ConfigError
+from models.common.errors import TOO_LARGE, ConfigError
 
 _EARLIEST_US = 1_100_000_000_000_000
 _LATEST_US = 4_000_000_000_000_000
@@ -119,11 +119,22 @@ def perform(job: Job) -> dict[str, Any]:
     _running.remove(process)
     if process.returncode:
         line = error_text(errors.replace(f"{job.log}: ", ""), process.returncode).splitlines()[-1]
-        answer = {"error": line, "passing": process.returncode < 0 or "MemoryError" in errors}
+        answer = {"error": line, "passing": process.returncode < 0 or TOO_LARGE in errors}
+        answer |= _identity(job)
     else:
         answer = json.loads(said)
     taken_s = round(time.monotonic() - start, 2)
     return {**answer, **about(job), "wall_s": taken_s}
+
+
+def _identity(job: Job) -> dict[str, Any]:
+    """Which vehicle a log that is not judged is of; empty where it cannot be read at all."""
+    command = [sys.executable, "-m", "replay", "info", str(job.log), "--json=-", "--quiet"]
+    asked = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    if asked.returncode:
+        return {}
+    (told,) = json.loads(asked.stdout)
+    return {"identity": told["identity"]}
 
 
 def about(job: Job) -> dict[str, Any]:

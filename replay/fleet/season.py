@@ -84,7 +84,7 @@ class VehicleSeason:
     judged: int
     courses: tuple[Course, ...]
     new: tuple[str, ...]
-    """Effects that the last log has, and no log before it."""
+    """Effects of the vehicle that the last log has, and no log before it."""
     not_judged: tuple[tuple[str, str], ...]
     """Logs, and why."""
 
@@ -177,7 +177,8 @@ def _vehicle(
 
 
 def _names(effects: Sequence[Row]) -> set[str]:
-    return {row["effect"] for row in effects}
+    """What of a log's effects the next flight has, too: every day has another wind."""
+    return {row["effect"] for row in effects if row["kept"]}
 
 
 def _courses(logs: Sequence[Row], of_log: Mapping[str, Sequence[Row]]) -> Iterable[Course]:

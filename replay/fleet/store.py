@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,25 +40,6 @@ CREATE INDEX IF NOT EXISTS effects_of_log ON effects (sha256, question);
 CREATE INDEX IF NOT EXISTS faults_of_log ON faults (sha256, question);
 CREATE INDEX IF NOT EXISTS logs_of_vehicle ON logs (vehicle, date);
 """
-_LOG_COLUMNS = (
-    "sha256",
-    "question",
-    "path",
-    "vehicle",
-    "board",
-    "firmware",
-    "frame",
-    "parameters",
-    "date",
-    "date_from",
-    "verdict",
-    "judged_s",
-    "axes",
-    "error",
-    "passing",
-    "version",
-    "wall_s",
-)
 
 
 class Store:
@@ -75,27 +56,25 @@ class Store:
         file = path / NAME if path.is_dir() else path
         if not make and not file.is_file():
             raise ConfigError(f"{path}: holds no {NAME}; replay diagnose FOLDER writes one")
-        connection = sqlite3.connect(file, timeout=WAIT_S)
         try:
-            connection.row_factory = sqlite3.Row
-            _prepare(file, connection)
-            yield cls(file, connection)
+            with closing(sqlite3.connect(file, timeout=WAIT_S)) as connection:
+                connection.row_factory = sqlite3.Row
+                _prepare(file, connection)
+                yield cls(file, connection)
         except sqlite3.Error as error:
             raise ConfigError(f"{file}: {error}") from None
-        finally:
-            connection.close()
 
     def add(self, question: str, answer: Mapping[str, Any]) -> None:
         """Put an answer in place of an older one to the same question about the same log."""
         key = (answer["sha256"], question)
         row = log_row(question, answer)
-        marks = ", ".join("?" * len(_LOG_COLUMNS))
+        marks = ", ".join("?" * len(row))
         with self._connection as c:
             for table in ("effects", "faults"):
                 c.execute(f"DELETE FROM {table} WHERE sha256 = ? AND question = ?", key)
             c.execute(
-                f"INSERT OR REPLACE INTO logs ({', '.join(_LOG_COLUMNS)}) VALUES ({marks})",
-                [row[name] for name in _LOG_COLUMNS],
+                f"INSERT OR REPLACE INTO logs ({', '.join(row)}) VALUES ({marks})",
+                tuple(row.values()),
             )
             for effect in answer.get("effects", ()):
                 for numbers in effect_rows(effect):
@@ -115,17 +94,20 @@ class Store:
 
 
 def _prepare(file: Path, connection: sqlite3.Connection) -> None:
+    """Tables of a new store; one of another schema is left as it is."""
+    tables = "SELECT count(*) AS count FROM sqlite_master WHERE type = 'table'"
+    if connection.execute(tables).fetchone()["count"]:
+        found = connection.execute("SELECT value FROM meta WHERE key = 'schema'").fetchone()
+        schema = None if found is None else found["value"]
+        if schema != str(SCHEMA):
+            raise ConfigError(
+                f"{file}: is a store of schema {schema}, and this version writes {SCHEMA}; give "
+                "another --out"
+            )
     connection.execute("PRAGMA journal_mode = WAL")
     connection.executescript(_TABLES)
-    found = connection.execute("SELECT value FROM meta WHERE key = 'schema'").fetchone()
-    if found is None:
-        with connection:
-            connection.execute("INSERT INTO meta VALUES ('schema', ?)", (str(SCHEMA),))
-    elif found["value"] != str(SCHEMA):
-        raise ConfigError(
-            f"{file}: is a store of schema {found['value']}, and this version writes {SCHEMA}; "
-            "give another --out"
-        )
+    with connection:
+        connection.execute("INSERT OR IGNORE INTO meta VALUES ('schema', ?)", (str(SCHEMA),))
 
 
 def log_row(question: str, answer: Mapping[str, Any]) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from replay.numbers import rounded
 from replay.rerun.report import run
 from replay.sources.choose import source_notes, sources_json
 from replay.vehicle.airframe import airframe, what_it_is
+from replay.vehicle.identity import identity
 
 _BEST = (Extent.YES, Extent.PARTLY, Extent.NO)
 _STACKS: dict[int | None, str] = {
@@ -51,6 +52,8 @@ class BootInfo:
     """Which instance each quantity was read from, and why, by quantity."""
     read_from: Sequence[str]
     """The same in words, of what came several times."""
+    identity: Mapping[str, str]
+    """Which vehicle it was, as far as the log says."""
     notes: Sequence[str]
 
 
@@ -70,7 +73,8 @@ class LogInfo:
     def as_json(self) -> Any:
         """Plain numbers, by the names of the fields; ``source`` of the longest boot beside them."""
         longest = max(self.boots, key=lambda boot: boot.duration_s)
-        return rounded(asdict(self) | {"source": longest.source})
+        of_longest = {"source": longest.source, "identity": longest.identity}
+        return rounded(asdict(self) | of_longest)
 
     def as_line(self, name: str = "") -> str:
         """One line of a list of logs; ``name`` in the place of the file's own."""
@@ -194,6 +198,7 @@ def _boot(log: FlightLog, vehicle: Vehicle | None) -> BootInfo:
         streams=streams(log),
         judges=abilities(log, vehicle),
         source=sources_json(log.sources),
+        identity=identity(log).as_json(),
         read_from=source_notes(log.sources),
         notes=log.summary.notes,
     )

@@ -14,9 +14,12 @@ from replay.vehicle.airframe import airframe
 _BOARD = re.compile(r"\b([0-9A-F]{8}) ?([0-9A-F]{8}) ?([0-9A-F]{8})\b")
 """Unique number of a processor, in a text of start-up."""
 _FIRMWARE = re.compile(r"\b(ArduCopter|PX4|Copter)\b[^(]*")
-_OWN = re.compile(r"(INS_(ACC|GYR)\d?OFFS_|COMPASS_(DEV_ID|OFS)|CAL_(ACC|GYRO|MAG)\d_)")
-"""Parameters that were measured on this very board: offsets of its sensors."""
-_LEARNT = re.compile(r"(STAT_|MOT_THST_HOVER|BARO\d?_GND|LND_FLIGHT_T|COM_FLIGHT|SYS_|_TEMP)")
+_OWN = re.compile(r"(INS_ACC\d?OFFS_|CAL_ACC\d_[XYZ]OFF)")
+"""Offsets of the accelerometers: measured once on this very board. Gyros are set anew at every start."""
+_LEARNT = re.compile(
+    r"(STAT_|MOT_THST_HOVER|BARO\d?_GND|LND_FLIGHT_T|COM_FLIGHT|SYS_|_TEMP"
+    r"|INS_GYR|CAL_GYRO|COMPASS_OFS|CAL_MAG)"
+)
 """Parameters that change by themselves."""
 _DIGITS = 16
 
