@@ -78,7 +78,7 @@ EFFECT = Effect(
             unit="1",
             low=-0.3,
             high=0.3,
-            typical=0.03,
+            typical=0.08,
             belongs_to=BelongsTo.LOAD,
         ),
         Coefficient(name="ohmic", unit="1", low=-0.2, high=0.8, typical=_ohmic, optional=True),
