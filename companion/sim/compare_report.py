@@ -19,7 +19,7 @@ SCATTER = {"height": 0.14, "lateral": 0.2, "tilt": 0.03}
 """Standard deviation between seeds of the error in free air, as a share of it (seeds 61 to 66, docs/results.md)."""
 _READING = (
     "touched: time in contact with ground or wall. In free air: what the path itself costs, with",
-    "neither ground nor wall; no offset can be better. --seed N flies another one.",
+    "neither ground nor wall: about the best that offsets can do. --seed N flies another one.",
 )
 WAYS = {"energy": "by energy", "paired": "instant by instant"}
 """How the share of the error that the offsets remove is taken (see ``air_part``)."""
