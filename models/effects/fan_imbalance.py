@@ -46,7 +46,7 @@ EFFECT = Effect(
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
     coefficients=(
-        Coefficient(name="scale", unit="1", low=-0.6, high=0.3, typical=0.1),
+        Coefficient(name="scale", unit="1", low=-1.0, high=0.3, typical=0.2),
         Coefficient(name="torque", unit="1", low=-0.6, high=0.6, typical=0.1),
     ),
     main=("scale",),

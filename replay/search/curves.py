@@ -20,9 +20,11 @@ SAME_SENSOR = dict(
     zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True)
 )
 """Channels whose own noise is in the residual of an axis, and that axis."""
+LEANS = {"pitch_rad": "Fx", "roll_rad": "Fy"}
+"""Angles by which a vehicle that holds its place leans against a force, and its axis: they follow every such force."""
 REACTIONS = {
-    "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
-    "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
+    "Fx": ("vn_", "ve_", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
+    "Fy": ("vn_", "ve_", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
     "Fz": ("vd_", "servo", "rpm", "thrust", "battery_current", "az_"),
     "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
@@ -84,7 +86,7 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
 
 def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     """Of a curve; None where there can be none."""
-    if SAME_SENSOR.get(name) == axis:
+    if SAME_SENSOR.get(name) == axis or LEANS.get(name) == axis:
         return None
     vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
     if name.startswith(REACTIONS[axis]) and not (

@@ -117,3 +117,14 @@ def test_the_next_flight_starts_with_it(quiet: Record) -> None:
     kept = {e.name: e.parameters for e in model.effects}["fan_imbalance"]
     assert "from_s" not in kept
     assert kept["scale"] < 0.0
+
+
+def test_a_fan_that_loses_most_of_its_thrust_is_one_effect(quiet: Record) -> None:
+    middle = float(quiet.time_s[400]) + 0.7
+    wrench = np.nan_to_num(get("fan_imbalance").regressors(quiet.context, (2.0,)))[..., 0]
+    begun = (quiet.time_s >= middle)[:, None]
+    dead = replace(quiet, residual=quiet.residual - 0.85 * wrench * begun)
+    (entry,) = conclude([dead], effects=EFFECTS).as_json(None)["effects"]
+    assert entry["name"] == "fan_imbalance"
+    low, high = entry["parameters"]["scale"]["ci95"]
+    assert low <= -0.85 <= high

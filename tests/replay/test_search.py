@@ -20,6 +20,7 @@ from models.effects import Effect, adopted_wrench, catalogue, get
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
+from replay.search.curves import LEANS
 from replay.search.estimates import IntervalEstimate
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
@@ -377,6 +378,21 @@ def test_no_curve_over_attitude_says_what_drag_does(quiet: Record) -> None:
     answer = search(leaning(added(quiet, "rotor_drag", (0.0,), 1.2)), list(catalogue()))
     assert names(answer) == {"rotor_drag"}
     assert answer.traces[0].carriers == ()
+
+
+def gusty(record: Record) -> Record:
+    """A steady push to the left with gusts of 3 s; the vehicle leans against both."""
+    gusts = coloured(np.random.default_rng(8), len(record.time_s), 3.0, record.step_s)
+    force = 0.1 * (1.0 + 0.2 * gusts)
+    residual = record.residual.copy()
+    residual[:, 1] -= force * record.context.weight
+    return replace(record, residual=residual, channels=record.channels | {"roll_rad": force})
+
+
+def test_how_a_vehicle_leans_against_the_wind_is_no_cause(quiet: Record) -> None:
+    """The roll says all of the force, as it is what holds the vehicle against it."""
+    answer = search(gusty(quiet), list(catalogue()))
+    assert LEANS.keys().isdisjoint(c.name for c in answer.traces[0].carriers)
 
 
 def without_accelerometer(record: Record) -> Record:
