@@ -91,6 +91,8 @@ class Coefficient:
     belongs_to: BelongsTo | None = None
     optional: bool = False
     """A model directory may lack it: 0 there."""
+    foretold: bool = False
+    """What it multiplies is a motion that no sensor saw, foretold with errors: the fit comes out too small."""
 
     def spread(self, ctx: Context) -> float:
         """Standard deviation of the prior."""

@@ -117,6 +117,7 @@ EFFECT = Effect(
             high=lambda ctx: ctx.most_load_kg,
             typical=_likely,
             centre=_likely,
+            foretold=True,
         ),
         Coefficient(
             name="mass",

@@ -12,6 +12,7 @@ from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from models.common.frames import Array
 from models.effects import Context, Effect
+from replay.search.channel import hundredths
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.held_out import FlightFit, folds_of
 from replay.search.sets import Walked
@@ -25,6 +26,8 @@ DRAWS = 4000
 """Of the joint posterior: the ends of a 95 % interval are then sure to 2 % of its width."""
 FEWEST_WITHIN = 0.05
 """Share of draws within all bounds below which draws are moved to the bounds, and not thrown away."""
+LEAST_SHOWN = 0.1
+"""Smallest r^2 that an interval is widened by: below, nothing is known of the size."""
 _SIDE = 1.96
 """Standard deviations from the middle to the end of a 95 % interval."""
 
@@ -100,7 +103,7 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
     sd = np.sqrt(variance + _between(walked, term, flight, mean))
     fitted: list[IntervalEstimate] = []
     possible: list[IntervalEstimate] = []
-    for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
+    for i, (c, m, s) in enumerate(zip(effect.coefficients, mean, sd.tolist(), strict=True)):
         low = c.least(context)
         high = c.most(context)
         typical = c.spread(context)
@@ -109,12 +112,18 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
         at = min(value - low, high - value) < BOUND_SHARE * min(high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         interval = min(value, m - half), max(value, m + half)
+        within = _within_bounds(m, s, low, high)
+        if c.foretold:
+            wrenches, _ = walked.evidence.library.wrenches(term, flight)
+            shown = _share_of_lines(fit, m * wrenches[..., i])
+            interval = interval[0], interval[1] / shown
+            within = within[0], min(within[1] / shown, high)
         determined = s < LEARNT / np.sqrt(TRUST) * typical
         one = IntervalEstimate(
             name=c.name, value=value, ci95=interval, unit=c.unit, at_bound=at, determined=determined
         )
         fitted.append(one)
-        possible.append(replace(one, ci95=_within_bounds(m, s, low, high)))
+        possible.append(replace(one, ci95=within))
     fitted += shapes
     possible += shapes
     # The correlations are the posterior's, the spreads those of the intervals.
@@ -173,6 +182,27 @@ def shape_estimates(
 ) -> tuple[IntervalEstimate, ...]:
     """Every shape parameter of a term of the best set."""
     return tuple(_shape_estimate(walked, term, i, flights) for i in range(len(term.named.shapes)))
+
+
+def _share_of_lines(fit: FlightFit, wrench: Array) -> float:
+    """r^2 of a contribution x (n, 6) and of y, itself and what is left beside it, over all axes on which it acts.
+
+    Where x has errors of its own, least squares of y on x give too little, and those of x on y, the first over r^2, too
+    much: the truth lies between both (Frisch 1934, Statistical Confluence Analysis; Klepper & Leamer 1984, Econometrica
+    52, 163).
+    """
+    valid = fit.record.valid
+    unit = hundredths(fit.record.context)
+    x = (wrench / unit)[valid]
+    acts = np.isin(np.arange(6), fit.record.axes) & (x != 0.0).any(axis=0)
+    x = x[:, acts]
+    y = (fit.rest / unit)[valid][:, acts] + x
+    own = float((x**2).sum())
+    both = float((x * y).sum())
+    energy = float((y**2).sum())
+    if both <= 0.0:
+        return LEAST_SHOWN
+    return float(np.clip(both**2 / (own * energy), LEAST_SHOWN, 1.0))
 
 
 def _jackknife(values: Array) -> Array:

@@ -892,3 +892,19 @@ def test_a_law_of_a_surface_is_corrected_only_where_it_leaves_something(
 
     assert results._lawful(walked(law), [fit]) is not needed
     assert not results._lawful(walked(), [fit])
+
+
+def late(record: Record, load_kg: float, delay_s: float) -> Record:
+    """The record with a load that swings otherwise than foretold, by a delay."""
+    x = np.nan_to_num(get("slung_load").regressors(record.context, (0.55,)))[..., 0]
+    later = np.roll(x, round(delay_s / record.step_s), axis=0)
+    return replace(record, residual=record.residual + load_kg * later)
+
+
+def test_a_load_that_swings_otherwise_than_foretold_is_in_its_interval() -> None:
+    record = noise_record(11, 120.0, 0.3)
+    load_kg = 0.6
+    answer = search(late(record, load_kg, 0.25), some("slung_load"))
+    low, value, high = estimate(answer, "slung_load", "mass_kg")
+    assert value < 0.9 * load_kg
+    assert low < load_kg < high
