@@ -53,7 +53,7 @@ from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
-from companion.estimation.estimator import blank_estimates
+from companion.estimation.estimates import blank_estimates
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
