@@ -16,8 +16,8 @@ import numpy as np
 
 from companion.adaptation import adapt
 from companion.adaptation.gates import Situation
-from companion.adaptation.residual import mass_flow
 from companion.adaptation.sizes import drag_prior
+from companion.adaptation.steady import mass_flow
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import engagement, hover_thrust, landed, swing_detector
 from companion.control.compensation import Offset, Offsets, fade, slewed, wanted_offset

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from companion.adapt_options import Adapt
+from companion.adaptation import block as block_of
 from companion.adaptation import judge
-from companion.adaptation import residual as block_of
+from companion.adaptation import residual as residual_of
 from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
 from companion.adaptation.gates import NO_IMU, Situation, pause
@@ -37,6 +38,7 @@ from companion.adaptation.sizes import (
     prior,
     size_table,
 )
+from companion.adaptation.vanes import vane_outputs
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
@@ -237,7 +239,7 @@ def _longer(
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None
-    vanes = block_of.vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
+    vanes = vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
     return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes)
 
 
@@ -250,7 +252,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     table = known.table
     sizes = known.sizes
     wind = (float(sizes.offset[NORTH]), float(sizes.offset[EAST]))
-    seen = block_of.block_residual(
+    seen = residual_of.block_residual(
         block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind
     )
     changed: Array | float
@@ -331,7 +333,7 @@ def _near(moves: Flags, around: FanPlaces) -> tuple[bool, ...]:
 
 def _judged(
     known: Adaptation,
-    seen: block_of.BlockResidual,
+    seen: residual_of.BlockResidual,
     variance: Array,
     seconds: float,
     around: FanPlaces,
