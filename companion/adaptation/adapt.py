@@ -18,6 +18,8 @@ from companion.adaptation import block as block_of
 from companion.adaptation import judge
 from companion.adaptation import residual as residual_of
 from companion.adaptation.apply import MOST, Applied, share_of, towards
+from companion.adaptation.channel import Channel, channels_of, place_of
+from companion.adaptation.channel import rows as state_rows
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
 from companion.adaptation.gates import NO_IMU, Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
@@ -83,7 +85,7 @@ class Adaptation:
 
     table: tuple[Size, ...]
     sizes: Sizes
-    channels: tuple[judge.Channel, ...]
+    channels: tuple[Channel, ...]
     """Lift, pull and tilt."""
     judged: tuple[judge.Belief, ...]
     """What is believed of each."""
@@ -156,7 +158,7 @@ def initial(config: PipelineConfig) -> Adaptation | None:
         return None
     table = size_table(config.vehicle, config.model)
     places = channels(table)
-    through = judge.channels_of(table)
+    through = channels_of(table)
     judged = tuple(judge.initial(channel) for channel in through)
     believed = _believed(through, judged)
     shares = Applied((1.0,) * len(places))
@@ -342,7 +344,7 @@ def _judged(
 ) -> tuple[judge.Belief, ...]:
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     vehicle = config.vehicle
-    place = judge.place_of(around)
+    place = place_of(around)
     thrust = 1.0 + float(known.sizes.offset[THRUST])
     gains = known.believed.shares
     beside = known.believed.near.rows(vehicle, around)
@@ -357,7 +359,7 @@ def _judged(
             out.append(before._replace(waited_s=waited_s))
             continue
         seen_in = []
-        rows = judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust)
+        rows = state_rows(channel, regressors, place, vehicle.rotor_radius_m, thrust)
         for axis, row in zip(channel.axes, rows, strict=True):
             model = regressors[axis]
             value = rest[axis] + model[channel.own]
@@ -381,7 +383,7 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> FanPlaces:
     return FanPlaces(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
-def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Belief]) -> Applied:
+def _believed(channels: Sequence[Channel], judged: Sequence[judge.Belief]) -> Applied:
     found = [judge.believed(c, j) for c, j in zip(channels, judged, strict=True)]
     lift, pull, tilt = [tuple(cells) for _, _, cells in found]
     return Applied(
