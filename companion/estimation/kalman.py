@@ -1,9 +1,9 @@
 """A gated, delay-aware Kalman track of one scalar and its rate; frozen, so that ``step`` stays pure.
 
 The two formulas are the linear Kalman filter's (Kalman 1960, J. Basic Eng. 82; Joseph's form of the update: Bucy and
-Joseph 1968), checked against filterpy in the tests. Around them: the measurement is of the past (H = [1, -delay]), an
-innovation gate, and a restart after several rejected samples that agree with each other (the world jumped, not the
-sensor).
+Joseph 1968), equal by test to the filter that filterpy designs (``track_design``). Around them: the measurement is of
+the past (H = [1, -delay]), an innovation gate, and a restart after several rejected samples that agree with each other
+(the world jumped, not the sensor).
 """
 
 from __future__ import annotations
