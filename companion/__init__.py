@@ -1,7 +1,7 @@
 """The flight program: MAVLink in, offset commands out.
 
 ``companion.step(state, sample, config)`` is all that is decided; ``companion.initial_state(config)`` starts it. It is
-pure: the live loop (``companion.flight``) and a replay (``replay.rerun``) get the same decisions from it.
+pure: the live loop (``companion.flight.loop``) and a replay (``replay.rerun``) get the same decisions from it.
 """
 
 from __future__ import annotations

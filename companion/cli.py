@@ -23,7 +23,7 @@ from models.common.text_file import write_json
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
-    from companion.flight import Flight
+    from companion.flight.loop import Flight
     from companion.mavlink.link import Arrivals, Link
     from companion.sim.process import SimProcess
     from models.vehicle import Vehicle
@@ -224,7 +224,8 @@ def _preflight(a: argparse.Namespace) -> int:
     """``--check``: a dry run that is looked at, or a log."""
     # Imported here so that --help answers at once.
     from companion import check
-    from companion.flight import Flight, FlightOptions
+    from companion.flight.loop import Flight
+    from companion.flight.options import FlightOptions
     from companion.mavlink.link import Arrivals
 
     flown, note = _config(a)
@@ -273,7 +274,8 @@ def _preflight(a: argparse.Namespace) -> int:
 def _fly(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from companion.config import Base
-    from companion.flight import Flight, FlightOptions
+    from companion.flight.loop import Flight
+    from companion.flight.options import FlightOptions
     from companion.mavlink.link import Arrivals, open_link
     from companion.mavlink.tlog_writer import Recorder
     from companion.page.feed import PageFeed, read_address

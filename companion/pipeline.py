@@ -16,8 +16,8 @@ import numpy as np
 
 from companion.adaptation import adapt
 from companion.adaptation.gates import Situation
-from companion.adaptation.residual import mass_flow
 from companion.adaptation.sizes import drag_prior
+from companion.adaptation.steady import mass_flow
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import engagement, hover_thrust, landed, swing_detector
 from companion.control.compensation import Offset, Offsets, fade, slewed, wanted_offset
@@ -53,7 +53,7 @@ from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
-from companion.estimation.estimator import blank_estimates
+from companion.estimation.estimates import blank_estimates
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples

@@ -1,4 +1,4 @@
-"""``replay audit``: did a recorded flight keep the requirements of docs/safety.md? By companion/invariants.py."""
+"""``replay audit``: did a recorded flight keep the requirements of docs/safety.md? By companion/invariants/."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from companion.vehicles import vehicle_path
 from models.common.errors import LogError
 
 if TYPE_CHECKING:
-    from companion.invariants import Audit
+    from companion.invariants.requirements import Audit
     from models.vehicle import Vehicle
 from replay.pipeline_options import add_answer_options
 
@@ -85,7 +85,7 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, *, quiet:
     """
     from tqdm import tqdm
 
-    from companion.invariants import Auditor
+    from companion.invariants.auditor import Auditor
     from companion.mavlink import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
     from companion.mavlink.wire_frames import cut

@@ -14,9 +14,12 @@ from typing import Any
 import numpy as np
 
 from companion.adapt_options import Adapt
+from companion.adaptation import block as block_of
 from companion.adaptation import judge
-from companion.adaptation import residual as block_of
+from companion.adaptation import residual as residual_of
 from companion.adaptation.apply import MOST, Applied, share_of, towards
+from companion.adaptation.channel import Channel, channels_of, place_of
+from companion.adaptation.channel import rows as state_rows
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
 from companion.adaptation.gates import NO_IMU, Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
@@ -37,6 +40,7 @@ from companion.adaptation.sizes import (
     prior,
     size_table,
 )
+from companion.adaptation.vanes import vane_outputs
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
@@ -81,7 +85,7 @@ class Adaptation:
 
     table: tuple[Size, ...]
     sizes: Sizes
-    channels: tuple[judge.Channel, ...]
+    channels: tuple[Channel, ...]
     """Lift, pull and tilt."""
     judged: tuple[judge.Belief, ...]
     """What is believed of each."""
@@ -154,7 +158,7 @@ def initial(config: PipelineConfig) -> Adaptation | None:
         return None
     table = size_table(config.vehicle, config.model)
     places = channels(table)
-    through = judge.channels_of(table)
+    through = channels_of(table)
     judged = tuple(judge.initial(channel) for channel in through)
     believed = _believed(through, judged)
     shares = Applied((1.0,) * len(places))
@@ -237,7 +241,7 @@ def _longer(
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None
-    vanes = block_of.vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
+    vanes = vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
     return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes)
 
 
@@ -250,7 +254,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     table = known.table
     sizes = known.sizes
     wind = (float(sizes.offset[NORTH]), float(sizes.offset[EAST]))
-    seen = block_of.block_residual(
+    seen = residual_of.block_residual(
         block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind
     )
     changed: Array | float
@@ -331,7 +335,7 @@ def _near(moves: Flags, around: FanPlaces) -> tuple[bool, ...]:
 
 def _judged(
     known: Adaptation,
-    seen: block_of.BlockResidual,
+    seen: residual_of.BlockResidual,
     variance: Array,
     seconds: float,
     around: FanPlaces,
@@ -340,7 +344,7 @@ def _judged(
 ) -> tuple[judge.Belief, ...]:
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     vehicle = config.vehicle
-    place = judge.place_of(around)
+    place = place_of(around)
     thrust = 1.0 + float(known.sizes.offset[THRUST])
     gains = known.believed.shares
     beside = known.believed.near.rows(vehicle, around)
@@ -355,7 +359,7 @@ def _judged(
             out.append(before._replace(waited_s=waited_s))
             continue
         seen_in = []
-        rows = judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust)
+        rows = state_rows(channel, regressors, place, vehicle.rotor_radius_m, thrust)
         for axis, row in zip(channel.axes, rows, strict=True):
             model = regressors[axis]
             value = rest[axis] + model[channel.own]
@@ -379,7 +383,7 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> FanPlaces:
     return FanPlaces(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
-def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Belief]) -> Applied:
+def _believed(channels: Sequence[Channel], judged: Sequence[judge.Belief]) -> Applied:
     found = [judge.believed(c, j) for c, j in zip(channels, judged, strict=True)]
     lift, pull, tilt = [tuple(cells) for _, _, cells in found]
     return Applied(

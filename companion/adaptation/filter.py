@@ -1,13 +1,23 @@
 """A Kalman filter over the sizes, one axis of the residual at a time: scalar updates need no inverse.
 
-Kalman 1960, J. Basic Eng. 82. The gain of a size that an axis does not excite is zero, and Joseph's form (Bucy and
-Joseph 1968) keeps the covariance right for any gain (a Schmidt-Kalman or "considered" state: Schmidt 1966, Advances in
-Control Systems 3, 293). Numbers of one flight: about eleven sizes, so numpy beats plain floats three times.
+With x the offsets of the sizes from their values as modelled and P their covariance, an axis of the residual is
+z = H x + noise of variance R, H its regressors. Kalman 1960, J. Basic Eng. 82:
+
+    y = z - H x                                       innovation
+    S = H P H' + R                                    its variance
+    w = min(1, c sqrt(S) / |y|)                       Huber's weight, c = ``ROBUST_SIGMAS``
+    K = m w P H' / S                                  gain; m is 1 for the sizes that the axis excites, else 0
+    x = x + K y
+    P = P - K (P H')' - P H' K' + S K K'              Joseph's form (Bucy and Joseph 1968), right for any gain
+
+Huber 1964, Ann. Math. Statist. 35, 73. A gain of zero makes a "considered" state (Schmidt 1966, Advances in Control
+Systems 3, 293). Numbers of one flight: about eleven sizes, so numpy beats plain floats three times.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -20,30 +30,43 @@ from models.common.frames import Array
 Flags = NDArray[np.bool_]
 
 ROBUST_SIGMAS = 2.5
-"""A residual counts no more than this many standard deviations (Huber 1964, Ann. Math. Statist. 35, 73)."""
+"""A residual counts no more than this many standard deviations."""
 SURPRISED_BLOCKS = 4
 """After so many of them in a row to one side something has jumped: a load, a gust front."""
 _EXCITED = 0.2
 """A size learns from an axis where its prior's sd would move the axis by this share of the axis' noise."""
 
 
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a table allows its sizes, (n,) each."""
+
+    low: Array
+    high: Array
+    """Of the offset."""
+    variance: Array
+    """Of the prior: never more."""
+    growth_1_s: Array
+    """Of the variance."""
+
+
 @lru_cache(maxsize=8)
-def _limits(table: tuple[Size, ...]) -> tuple[Array, Array, Array, Array]:
-    """Lowest and highest offset, variance of the prior, variance of the change in a second; shape (n,) each."""
-    return (
-        np.array([size.low - size.as_modelled for size in table]),
-        np.array([size.high - size.as_modelled for size in table]),
-        np.array([size.sd**2 for size in table]),
-        np.array([size.per_minute**2 / 60.0 for size in table]),
+def _limits(table: tuple[Size, ...]) -> Limits:
+    """Of a table."""
+    return Limits(
+        low=np.array([size.low - size.as_modelled for size in table]),
+        high=np.array([size.high - size.as_modelled for size in table]),
+        variance=np.array([size.sd**2 for size in table]),
+        growth_1_s=np.array([size.per_minute**2 / 60.0 for size in table]),
     )
 
 
 def later(table: tuple[Size, ...], sizes: Sizes, seconds: float) -> Sizes:
     """The same after some time: less sure, but never less than before any flight."""
-    _, _, most, per_s = _limits(table)
+    here = _limits(table)
     covariance = sizes.covariance.copy()
     diagonal = covariance.reshape(-1)[:: len(table) + 1]
-    diagonal += np.minimum(seconds * per_s, np.maximum(most - diagonal, 0.0))
+    diagonal += np.minimum(seconds * here.growth_1_s, np.maximum(here.variance - diagonal, 0.0))
     return Sizes(sizes.offset, covariance)
 
 
@@ -62,22 +85,25 @@ def surprises(
 
     What a gain on the model can explain is no surprise.
     """
-    spread = ROBUST_SIGMAS * np.sqrt(
-        ((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance
-    )
+    variances = ((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance
+    most = ROBUST_SIGMAS * np.sqrt(variances)
     out = []
-    for count, off, most, row in zip(
-        before, innovation.tolist(), spread.tolist(), regressors, strict=True
+    for count, off, limit, row in zip(
+        before, innovation.tolist(), most.tolist(), regressors, strict=True
     ):
-        if off > 0.0:
-            side = 1
+        by_model = sum(map(abs, row[: at.THRUST].tolist()))
+        if abs(off) > limit and abs(off) > _GAIN_EXPLAINS * by_model:
+            out.append(in_a_row(count, 1 if off > 0.0 else -1))
         else:
-            side = -1
-        far = abs(off) > most and abs(off) > _GAIN_EXPLAINS * sum(
-            map(abs, row[: at.THRUST].tolist())
-        )
-        out.append((count + side if count * side > 0 else side) if far else 0)
+            out.append(0)
     return tuple(out)
+
+
+def in_a_row(before: int, side: int) -> int:
+    """Blocks in a row that were far off to the same ``side`` (1 or -1), with one more: +n or -n."""
+    if before * side > 0:
+        return before + side
+    return side
 
 
 def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) -> Sizes:
@@ -85,7 +111,7 @@ def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) ->
     axes = [k for k, count in enumerate(surprised) if abs(count) >= SURPRISED_BLOCKS]
     if not axes:
         return sizes
-    _, _, most, _ = _limits(table)
+    most = _limits(table).variance
     more = np.zeros(len(table))
     for axis in axes:
         for place in _JUMPS[axis]:
@@ -97,37 +123,32 @@ def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) ->
 
 def excites(table: tuple[Size, ...], regressors: Array, variance: Array) -> Flags:
     """Of every axis (axes, n), the sizes whose prior would move it by a share of its noise."""
-    _, _, most, _ = _limits(table)
+    most = _limits(table).variance
     out: Flags = regressors * regressors * most > (_EXCITED * _EXCITED * variance)[:, None]
     return out
 
 
 def update(
-    table: tuple[Size, ...],
-    sizes: Sizes,
-    residual: float,
-    regressors: Array,
-    variance: float,
-    moves: Flags,
+    table: tuple[Size, ...], sizes: Sizes, z: float, H: Array, R: float, moves: Flags
 ) -> Sizes:
-    """The sizes after ``residual`` = regressors (n,) @ offset + noise of ``variance``; the same object if unmoved.
+    """The sizes after an axis of the residual, z = H x + noise of variance R; the same object if unmoved.
 
-    Only the sizes that the axis ``excites`` change: ``moves`` (n,). What is further off than ``ROBUST_SIGMAS`` counts
-    as if it were just so far.
+    ``H`` (n,): the axis' regressors. ``moves`` (n,): the sizes that it ``excites``; only they change. Formulas: above.
     """
-    if not math.isfinite(residual) or not variance > 0.0 or True not in moves.tolist():
+    if not math.isfinite(z) or not R > 0.0 or True not in moves.tolist():
         return sizes
-    low, high, _, _ = _limits(table)
-    covariance = sizes.covariance
-    shared = covariance @ regressors
-    spread = float(regressors @ shared) + variance
-    innovation = residual - float(regressors @ sizes.offset)
-    if innovation:
-        weight = min(1.0, ROBUST_SIGMAS * math.sqrt(spread) / abs(innovation))
+    here = _limits(table)
+    x = sizes.offset
+    P = sizes.covariance
+    PH = P @ H
+    S = float(H @ PH) + R
+    y = z - float(H @ x)
+    if y:
+        w = min(1.0, ROBUST_SIGMAS * math.sqrt(S) / abs(y))
     else:
-        weight = 1.0
-    gain = moves * shared * (weight / spread)
-    offset = np.minimum(np.maximum(sizes.offset + innovation * gain, low), high)
-    # Joseph's form: C - g s' - s g' + spread g g', written so that it stays symmetric to the last bit.
-    half = gain[:, None] * (shared - (0.5 * spread) * gain)
-    return Sizes(offset, covariance - (half + half.T))
+        w = 1.0
+    K = moves * PH * (w / S)
+    x = np.minimum(np.maximum(x + y * K, here.low), here.high)
+    # Written so that it stays symmetric to the last bit.
+    half = K[:, None] * (PH - (0.5 * S) * K)
+    return Sizes(x, P - (half + half.T))

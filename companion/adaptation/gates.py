@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
+from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
 from companion.mavlink.samples import Imu
 from models.common.frames import GRAVITY
 from models.surrogate.empty import is_empty

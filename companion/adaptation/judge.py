@@ -1,42 +1,23 @@
 """With the model or without it: two hypotheses about lift, pull or tilt, judged by how well each predicts.
 
 Multiple-model estimation (Magill 1965, IEEE Trans. Automatic Control 10, 434): a Kalman filter for each, and the odds
-of one against the other from the likelihoods of what they had not yet seen. Both hold a map of what is left
-(``near_map``): small beside a model, large without one. What steady things add is estimated along in both.
+of one against the other from the likelihoods of what they had not yet seen. What they are of: ``channel``.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from companion.adaptation import sizes as at
 from companion.adaptation.apply import MOST
-from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS
-from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
-from companion.adaptation.sizes import Size
-from companion.estimation.disturbance import FanPlaces
+from companion.adaptation.channel import WITH_MODEL, WITHOUT_MODEL, Channel
+from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS, in_a_row
+from companion.adaptation.near_map import MAP, cheeseman_bennett
 from models.common.frames import Array
 
-_ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
-_AXES = ((2,), (0, 1), (3, 4))
-_WIND = (at.NORTH, at.EAST)
-_MAP_SD = (0.05, 0.012, 0.05)
-"""Prior sd of what is measured of lift, pull (of a fan's thrust) and tilt (of that times the radius) without a model,
-within two rotor radii: half of the largest that is published (Ai et al. 2020; docs/lab/adaptation.md)."""
-_LEFT_SD = (0.015, 0.004, 0.015)
-"""The same of what a right model leaves: its law is 10 to 30 % off."""
-_GROUND_SD = 1.0
-"""Prior sd of the ground's lift in Cheeseman and Bennett's; its mean is 0, so that nothing is applied unseen."""
-_DRIFT = 0.3
-"""Change of gain, ground's lift and map in a minute, of their prior sd."""
-_CALM_WIND = 0.25
-"""Change of the wind in a minute while the pull is judged, of what it may change otherwise: a gust is a jump."""
 _EVIDENCE = 0.5
 """Of a block's log likelihood: neighbours are alike."""
 _MOST_LOG_ODDS = 4.0
@@ -45,32 +26,11 @@ _LOW_RADII = 1.6
 """Where the ground's lift is reported: low, and yet where most flights have been."""
 _OPENED = 0.1
 """Of the prior's variance: what a block adds to that of steady things after a jump."""
+_LEAST_LIKELY = ROBUST_SIGMAS**2
+"""A hypothesis is charged no more than this for one axis of a block."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Channel:
-    """One of lift, pull and tilt: the axes it is seen in, the sizes estimated along, and the column of its gain.
-
-    A state (n,) holds those sizes, the gain, the ground's lift in Cheeseman and Bennett's, and the cells of the map.
-    First row: with the model; second: without it.
-    """
-
-    axes: tuple[int, ...]
-    along: tuple[int, ...]
-    own: int
-    mean: Array
-    """(2, n) before anything is seen."""
-    covariance: Array
-    """(2, n, n)."""
-    variance: Array
-    """(2, n): its diagonal."""
-    growth_1_s: Array
-    """(2, n): of the variances."""
-
-    @property
-    def gain(self) -> int:
-        """Place of the gain in a state; the ground's lift and the cells follow."""
-        return len(self.along)
+Measurement = tuple[float, Array, float]
+"""z, H (n,) and R: an axis of a block is z = H x + noise of variance R, x the state of a channel."""
 
 
 class Belief(NamedTuple):
@@ -91,191 +51,147 @@ class Belief(NamedTuple):
         return 1.0 / (1.0 + math.exp(-self.log_odds))
 
 
-@lru_cache(maxsize=8)
-def channels_of(table: tuple[Size, ...]) -> tuple[Channel, ...]:
-    """Lift, pull and tilt."""
-    return tuple([_channel(table, own) for own in (at.LIFT, at.PULL, at.TILT)])
-
-
-def _channel(table: tuple[Size, ...], own: int) -> Channel:
-    along = _ALONG[own]
-    calm = [_CALM_WIND if k in _WIND and own == at.PULL else 1.0 for k in along]
-    steady = [table[k].mean - table[k].as_modelled for k in along]
-    sds = [table[k].sd for k in along]
-    a_minute = [table[k].per_minute * share for k, share in zip(along, calm, strict=True)]
-    if own == at.LIFT:
-        form = _GROUND_SD
-    else:
-        form = 0.0
-    n = len(along) + 2 + CELLS
-    mean = np.zeros((2, n))
-    covariance = np.zeros((2, n, n))
-    growth = np.zeros((2, n))
-    for k, (gain, sd, ground, near) in enumerate(
-        ((table[own].mean, table[own].sd, 0.0, _LEFT_SD[own]), (0.0, 0.0, form, _MAP_SD[own]))
-    ):
-        cell = MAP.covariance(near, of_wall=own != at.LIFT)
-        mean[k, : n - CELLS] = [*steady, gain, 0.0]
-        np.fill_diagonal(
-            covariance[k], [*[s * s for s in sds], sd * sd, ground * ground, *[0.0] * CELLS]
-        )
-        covariance[k, n - CELLS :, n - CELLS :] = cell
-        moves = [
-            *a_minute,
-            _DRIFT * sd,
-            _DRIFT * ground,
-            *(_DRIFT * np.sqrt(np.diagonal(cell))).tolist(),
-        ]
-        growth[k] = np.square(moves) / 60.0
-    variance = np.array([np.diagonal(c) for c in covariance])
-    return Channel(
-        axes=_AXES[own],
-        along=along,
-        own=own,
-        mean=mean,
-        covariance=covariance,
-        variance=variance,
-        growth_1_s=growth,
-    )
-
-
 def initial(channel: Channel) -> Belief:
     """Before anything is seen in this flight."""
     return Belief(channel.mean, channel.covariance, 0.0, (0,) * len(channel.axes))
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """What a unit of every cell and of Cheeseman and Bennett's lift does with the fans where they are [N]."""
+class Prediction(NamedTuple):
+    """How well one hypothesis predicted a measurement, before it learns from it."""
 
-    weights: Array
-    form: float
-    towards: tuple[float, float]
-    """The wall in body x and y."""
+    innovation: float
+    """y = z - H x."""
+    spread: float
+    """S = H P H' + R, the variance of y."""
+    sigmas: float
+    """d = |y| / sqrt(S)."""
+    weight: float
+    """w = min(1, c / d), Huber's, with c = ``ROBUST_SIGMAS``."""
+
+    @property
+    def side(self) -> int:
+        """On which side the measurement lies: 1 or -1."""
+        if self.innovation > 0.0:
+            return 1
+        return -1
+
+    @property
+    def far(self) -> bool:
+        """Whether it is further off than counts in full."""
+        return self.sigmas > ROBUST_SIGMAS
+
+    @property
+    def gain(self) -> float:
+        """w y / S: P H' times this is what the mean moves by."""
+        return self.innovation * self.weight / self.spread
+
+    @property
+    def shrink(self) -> float:
+        """sqrt(w (2 - w) / S): the outer square of P H' times this is what the covariance loses."""
+        return math.sqrt((2.0 - self.weight) * self.weight / self.spread)
+
+    @property
+    def cost(self) -> float:
+        """d^2 / 2, as far as it counts."""
+        return min(0.5 * self.sigmas * self.sigmas, _LEAST_LIKELY)
 
 
-def place_of(around: FanPlaces) -> Place:
-    """The fans' place on the map."""
-    weights = [0.0] * CELLS
-    form = 0.0
-    for height, gap, thrust in zip(around.heights, around.gaps, around.free_lift_n, strict=True):
-        form += thrust * cheeseman_bennett(height)
-        for k, weight in MAP.cells(height, gap):
-            weights[k] += weight * thrust
-    return Place(
-        np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad))
-    )
-
-
-def rows(
-    channel: Channel,
-    regressors: Sequence[Sequence[float]],
-    place: Place,
-    radius_m: float,
-    thrust_scale: float = 1.0,
-) -> list[Array]:
-    """What a state adds to each axis of the channel: shape (n,) each. Ground and wall act on the true thrust."""
-    c, s = place.towards
-    along = (c, s, -1.0, s * radius_m, -c * radius_m)
-    first = channel.gain
-    if channel.own == at.LIFT:
-        form = -place.form * thrust_scale
+def predicted(measured: float, expected: float, spread: float) -> Prediction:
+    """Of z ``measured`` where H x is ``expected`` and S is ``spread``."""
+    innovation = measured - expected
+    sigmas = abs(innovation) / math.sqrt(spread)
+    if sigmas > ROBUST_SIGMAS:
+        weight = ROBUST_SIGMAS / sigmas
     else:
-        form = 0.0
-    out = []
-    for axis in channel.axes:
-        seen = regressors[axis]
-        row = np.empty(first + 2 + CELLS)
-        row[: first + 2] = [
-            *[seen[k] for k in channel.along],
-            seen[channel.own] * thrust_scale,
-            form,
-        ]
-        np.multiply(place.weights, along[axis] * thrust_scale, out=row[first + 2 :])
-        out.append(row)
-    return out
+        weight = 1.0
+    return Prediction(innovation, spread, sigmas, weight)
 
 
-def learn(
-    channel: Channel, judged: Belief, seconds: float, seen: Sequence[tuple[float, Array, float]]
-) -> Belief:
-    """One block on: (value, row, variance) of each axis of the channel; an axis that is not a number tells nothing."""
-    covariance = judged.covariance.copy()
-    diagonal = covariance.reshape(2, -1)[:, :: covariance.shape[1] + 1]
-    # No variance grows beyond that before any flight.
-    diagonal += np.minimum(
-        channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0)
-    )
+def learn(channel: Channel, judged: Belief, seconds: float, seen: Sequence[Measurement]) -> Belief:
+    """One block on, by a measurement of each axis of the channel; an axis that is not a number tells nothing.
+
+    Each hypothesis has its own mean x and covariance P. One axis after another, y, S, d and w as in ``Prediction``:
+
+        K = w P H' / S
+        x = x + K y
+        P = (1 - K H) P (1 - K H)' + R K K' = P - w (2 - w) P H' H P / S      (Joseph's form, which holds for any gain)
+        log odds = log odds + e (log(S_none / S_model) / 2 + d_none^2 / 2 - d_model^2 / 2),  e = ``_EVIDENCE``
+
+    What is far off to the same side of both is a jump of something steady, and says nothing for either.
+    """
     mean = judged.mean
+    covariance = _later(channel, judged.covariance, seconds)
     log_odds = judged.log_odds
     surprised = []
-    sigmas = ROBUST_SIGMAS
-    most = ROBUST_SIGMAS**2
-    for (value, row, variance), before in zip(seen, judged.surprised, strict=True):
-        if not math.isfinite(value) or not variance > 0.0:
+    for (z, H, R), before in zip(seen, judged.surprised, strict=True):
+        if not math.isfinite(z) or not R > 0.0:
             surprised.append(0)
             continue
-        shared = covariance @ row
-        (e, f), (s, t) = (mean @ row).tolist(), (shared @ row).tolist()
-        i = value - e
-        j = value - f
-        s = s + variance
-        t = t + variance
-        y = abs(i) / math.sqrt(s)
-        z = abs(j) / math.sqrt(t)
-        if y > sigmas:
-            v = sigmas / y
-        else:
-            v = 1.0
-        if z > sigmas:
-            w = sigmas / z
-        else:
-            w = 1.0
-        if y > sigmas and z > sigmas and i * j > 0.0:
-            mean = _jumped(channel, mean, covariance, shared, ((i, s, v), (j, t, w)))
-            if i > 0.0:
-                side = 1
-            else:
-                side = -1
-            surprised.append(before + side if before * side > 0 else side)
+        PH = covariance @ H
+        model, none = _predictions(z, mean @ H, PH @ H, R)
+        if model.far and none.far and model.side == none.side:
+            mean = _jumped(channel, mean, covariance, PH, (model, none))
+            surprised.append(in_a_row(before, model.side))
             continue
-        # Joseph's form with a gain that is Huber's weight, ``v`` and ``w``, of the best: one product, symmetric to the
-        # last bit.
-        root = math.sqrt((2.0 - v) * v / s)
-        other = math.sqrt((2.0 - w) * w / t)
-        by_mean, by_covariance = np.array((((i * v / s,), (j * w / t,)), ((root,), (other,))))
-        mean = mean + by_mean * shared
-        shared *= by_covariance
-        covariance -= shared[:, :, None] * shared[:, None, :]
-        likelier = 0.5 * math.log(t / s) + min(0.5 * z * z, most) - min(0.5 * y * y, most)
+        mean = mean + np.array(((model.gain,), (none.gain,))) * PH
+        # One product, symmetric to the last bit.
+        PH *= np.array(((model.shrink,), (none.shrink,)))
+        covariance -= PH[:, :, None] * PH[:, None, :]
+        likelier = 0.5 * math.log(none.spread / model.spread) + none.cost - model.cost
         log_odds += _EVIDENCE * likelier
         surprised.append(0)
     if mean is not judged.mean:
-        mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), MOST)
+        gain = float(mean[WITH_MODEL, channel.gain])
+        mean[WITH_MODEL, channel.gain] = min(max(gain, 0.0), MOST)
     if max(surprised) >= SURPRISED_BLOCKS or min(surprised) <= -SURPRISED_BLOCKS:
         covariance = _opened(channel, covariance)
     log_odds = min(max(log_odds, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
     return Belief(mean, covariance, log_odds, tuple(surprised))
 
 
+def _later(channel: Channel, covariance: Array, seconds: float) -> Array:
+    """The covariance after some time. No variance grows beyond that before any flight."""
+    out = covariance.copy()
+    diagonal = out.reshape(2, -1)[:, :: out.shape[1] + 1]
+    diagonal += np.minimum(
+        channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0)
+    )
+    return out
+
+
+def _predictions(
+    z: float, expected: Array, spread: Array, R: float
+) -> tuple[Prediction, Prediction]:
+    """With the model and without it: ``expected`` (2,) H x, ``spread`` (2,) H P H'."""
+    of_model, of_none = expected.tolist()
+    spread_of_model, spread_of_none = spread.tolist()
+    return (
+        predicted(z, of_model, spread_of_model + R),
+        predicted(z, of_none, spread_of_none + R),
+    )
+
+
 def _jumped(
     channel: Channel,
     mean: Array,
     covariance: Array,
-    shared: Array,
-    seen: tuple[tuple[float, float, float], ...],
+    PH: Array,
+    seen: tuple[Prediction, Prediction],
 ) -> Array:
     """The mean after something that came at once, which is no surface: a load, a hand, a gust; ``covariance`` becomes
-    what it then is. ``seen``: innovation, its variance, and weight, of both hypotheses.
+    what it then is.
 
-    Joseph's form, which is right for any gain: here that of the gain on the model, the ground and the map is zero.
+    Joseph's form, which is right for any gain: here that of the gain on the model, the ground and the map is zero. With
+    K the gain, P = P - K (P H' - S K / 2)' - (P H' - S K / 2) K'.
     """
-    innovation, spread, weight = np.array(seen).T[:, :, None]
-    gain = weight / spread * shared
-    gain[:, channel.gain :] = 0.0
-    half = gain[:, :, None] * (shared - 0.5 * spread * gain)[:, None, :]
+    y = np.array([[one.innovation] for one in seen])
+    S = np.array([[one.spread] for one in seen])
+    w = np.array([[one.weight] for one in seen])
+    K = w / S * PH
+    K[:, channel.gain :] = 0.0
+    half = K[:, :, None] * (PH - 0.5 * S * K)[:, None, :]
     covariance -= half + half.transpose(0, 2, 1)
-    out: Array = mean + innovation * gain
+    out: Array = mean + y * K
     return out
 
 
@@ -292,7 +208,7 @@ def believed(channel: Channel, judged: Belief) -> tuple[float, float, list[float
     """Gain on the model, the ground's lift in Cheeseman and Bennett's, and the map (CELLS,): both hypotheses' mean."""
     p = judged.probability
     gain = channel.gain
-    mixed = (p * judged.mean[0] + (1.0 - p) * judged.mean[1]).tolist()
+    mixed = (p * judged.mean[WITH_MODEL] + (1.0 - p) * judged.mean[WITHOUT_MODEL]).tolist()
     return mixed[gain], mixed[gain + 1], mixed[gain + 2 :]
 
 
@@ -302,5 +218,5 @@ def ground_measured(channel: Channel, judged: Belief) -> tuple[float, float]:
     row[channel.gain + 1] = 1.0
     for k, weight in MAP.cells(_LOW_RADII, math.inf):
         row[channel.gain + 2 + k] = weight / cheeseman_bennett(_LOW_RADII)
-    variance = float(row @ judged.covariance[1] @ row)
-    return float(row @ judged.mean[1]), math.sqrt(max(variance, 0.0))
+    variance = float(row @ judged.covariance[WITHOUT_MODEL] @ row)
+    return float(row @ judged.mean[WITHOUT_MODEL]), math.sqrt(max(variance, 0.0))

@@ -96,7 +96,12 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
         for name, scatter in zip(GAINS, _scatter(model), strict=True)
     ]
     # Outputs tell less of the thrust than speeds do: a battery sags within minutes.
-    scale, sags = (0.15, 0.02) if vehicle.telemetered else (0.06, 0.1)
+    if vehicle.telemetered:
+        scale = 0.15
+        sags = 0.02
+    else:
+        scale = 0.06
+        sags = 0.1
     for row in _steady(lever, scale, sags, drag_prior(vehicle)):
         table.append(Size(*row))
     for k in effects_with_size(model):

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 
 ON_GROUND = 1
 IN_AIR = 2

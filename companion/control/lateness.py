@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from companion.config import Base, PipelineConfig
-from companion.estimation.estimator import Estimates
+from companion.estimation.estimates import Estimates
 
 LATE_FADE_S = 0.15
 """Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by its

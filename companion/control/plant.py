@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S
+from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.mavlink.firmware import Stack
 from models.common.frozen_copy import with_changes
 

@@ -12,7 +12,9 @@ from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig
 from companion.estimation.air_state import air_state
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces, Parts, about_cg
-from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
+from companion.estimation.estimates import Estimates
+from companion.estimation.fan_query import FanQuery, fan_query
+from companion.estimation.surfaces import Seen, Surface, surface
 from companion.estimation.vectors import plus, turned
 from models.air_state import AirState
 from models.common.frames import Array, Rows

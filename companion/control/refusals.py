@@ -12,8 +12,10 @@ from companion.control.reasons import Reason
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Seen
+from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.estimation.height_drift import FADE_M_S
+from companion.estimation.rotors import ROTOR_AGE_S
+from companion.estimation.surfaces import Seen
 from companion.mavlink.firmware import (
     Stack,
     ThrustMeaning,

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import Seen
+from companion.estimation.surfaces import Seen
 from models.vehicle import Vector3
 
 _ANSWER_S = 0.25

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.estimation.estimator import Surface
+from companion.estimation.surfaces import Surface
 from models.common.frames import Array
 from models.vehicle import Vehicle
 

@@ -16,8 +16,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.estimation.estimator import Seen, Surface
 from companion.estimation.range_doubt import GROUND_USED_M
+from companion.estimation.surfaces import Seen, Surface
 from companion.mavlink.samples import LocalPosition
 from models.common.frozen_copy import with_changes
 

@@ -1,9 +1,9 @@
 """A gated, delay-aware Kalman track of one scalar and its rate; frozen, so that ``step`` stays pure.
 
 The two formulas are the linear Kalman filter's (Kalman 1960, J. Basic Eng. 82; Joseph's form of the update: Bucy and
-Joseph 1968), checked against filterpy in the tests. Around them: the measurement is of the past (H = [1, -delay]), an
-innovation gate, and a restart after several rejected samples that agree with each other (the world jumped, not the
-sensor).
+Joseph 1968), equal by test to the filter that filterpy designs (``track_design``). Around them: the measurement is of
+the past (H = [1, -delay]), an innovation gate, and a restart after several rejected samples that agree with each other
+(the world jumped, not the sensor).
 """
 
 from __future__ import annotations
@@ -55,6 +55,11 @@ class Track(NamedTuple):
     restarted_s: float = -math.inf
 
     @property
+    def state(self) -> tuple[float, float, float, float, float, float]:
+        """Time, value and rate, and the three numbers of their covariance."""
+        return self[:6]
+
+    @property
     def sigma(self) -> float:
         """Standard deviation of ``value``."""
         return math.sqrt(max(self.value_variance, 0.0))
@@ -69,47 +74,62 @@ class Track(NamedTuple):
 
 
 def predict(track: Track, model: TrackModel, t_s: float) -> Track:
-    """The track at ``t_s``, its rate constant but for white acceleration; never backwards.
+    """The track at ``t_s``, its rate constant but for white acceleration of standard deviation a; never backwards.
 
-    x = F x, P = F P F' + Q with F = [[1, dt], [0, 1]] and Q = q [[dt^4/4, dt^3/2], [dt^3/2, dt^2]].
+    x = F x, P = F P F' + Q with F = [[1, dt], [0, 1]] and Q = q [[dt^2/4, dt/2], [dt/2, 1]], q = a^2 dt^2: the
+    acceleration is constant within a step (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to
+    Tracking and Navigation, 6.3.2).
     """
     dt = t_s - track.t_s
     if dt <= 0.0:
         return track
     q = model.acceleration_sd * model.acceleration_sd * dt * dt
-    _, value, rate, p11, p12, p22 = track[:6]
+    rate = track.rate
+    p11 = track.value_variance
+    p12 = track.covariance
+    p22 = track.rate_variance
+    value = track.value + dt * rate
     p11 = p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt
     p12 = p12 + dt * p22 + 0.5 * q * dt
     p22 = p22 + q
-    return Track(t_s, value + dt * rate, rate, p11, p12, p22, *track[6:])
+    kept = (track.updated_s, track.outliers, track.restarted_s)
+    return Track(t_s, value, rate, p11, p12, p22, *kept)
 
 
-def update(
-    track: Track, measured: float, variance: float, on_value: float, on_rate: float
-) -> Track:
-    """The track after ``measured`` = on_value * value + on_rate * rate + noise of ``variance``.
+def update(track: Track, measured: float, variance: float, h1: float, h2: float) -> Track:
+    """The track after ``measured`` z = H x + noise of ``variance`` R, with H = [h1, h2] of value and rate.
 
-    Joseph's form of the covariance, (1 - K h) P (1 - K h)' + R K K', stays symmetric and positive for any gain.
+    S = H P H' + R, K = P H' / S, x = x + K (z - H x). Joseph's form of the covariance, with A = 1 - K H,
+    P = A P A' + R K K', stays symmetric and positive for any gain.
     """
-    t_s, value, rate, p11, p12, p22 = track[:6]
-    ph1 = p11 * on_value + p12 * on_rate
-    ph2 = p12 * on_value + p22 * on_rate
-    total = on_value * ph1 + on_rate * ph2 + variance
-    k1 = ph1 / total
-    k2 = ph2 / total
-    innovation = measured - (on_value * value + on_rate * rate)
-    a11 = 1.0 - k1 * on_value
-    a12 = -k1 * on_rate
-    a21 = -k2 * on_value
-    a22 = 1.0 - k2 * on_rate
-    b11 = a11 * p11 + a12 * p12
-    b12 = a11 * p12 + a12 * p22
-    b21 = a21 * p11 + a22 * p12
-    b22 = a21 * p12 + a22 * p22
-    p11 = b11 * a11 + b12 * a12 + variance * k1 * k1
-    p12 = b11 * a21 + b12 * a22 + variance * k1 * k2
-    p22 = b21 * a21 + b22 * a22 + variance * k2 * k2
-    return Track(t_s, value + k1 * innovation, rate + k2 * innovation, p11, p12, p22, *track[6:])
+    value = track.value
+    rate = track.rate
+    p11 = track.value_variance
+    p12 = track.covariance
+    p22 = track.rate_variance
+    # P H' and the variance S of the innovation.
+    ph1 = p11 * h1 + p12 * h2
+    ph2 = p12 * h1 + p22 * h2
+    s = h1 * ph1 + h2 * ph2 + variance
+    k1 = ph1 / s
+    k2 = ph2 / s
+    innovation = measured - (h1 * value + h2 * rate)
+    a11 = 1.0 - k1 * h1
+    a12 = -k1 * h2
+    a21 = -k2 * h1
+    a22 = 1.0 - k2 * h2
+    # A P.
+    ap11 = a11 * p11 + a12 * p12
+    ap12 = a11 * p12 + a12 * p22
+    ap21 = a21 * p11 + a22 * p12
+    ap22 = a21 * p12 + a22 * p22
+    p11 = ap11 * a11 + ap12 * a12 + variance * k1 * k1
+    p12 = ap11 * a21 + ap12 * a22 + variance * k1 * k2
+    p22 = ap21 * a21 + ap22 * a22 + variance * k2 * k2
+    value = value + k1 * innovation
+    rate = rate + k2 * innovation
+    kept = (track.updated_s, track.outliers, track.restarted_s)
+    return Track(track.t_s, value, rate, p11, p12, p22, *kept)
 
 
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
@@ -155,8 +175,8 @@ def measure(
         ):
             return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Outcome.RESTARTED
         return ahead._replace(outliers=outliers), Outcome.OUTLIER
-    seen = update(ahead, value, sigma * sigma, 1.0, -delay_s)
-    return Track(*seen[:6], t_s, (), seen.restarted_s), Outcome.ACCEPTED
+    heard = Track(*ahead.state, updated_s=t_s, restarted_s=ahead.restarted_s)
+    return update(heard, value, sigma * sigma, 1.0, -delay_s), Outcome.ACCEPTED
 
 
 def measure_rate(track: Track, model: TrackModel, t_s: float, rate: float, sigma: float) -> Track:

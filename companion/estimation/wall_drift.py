@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 from companion.estimation.vectors import minus
 from companion.mavlink.range_beams import dot
 from companion.mavlink.samples import LocalPosition

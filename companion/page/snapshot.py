@@ -11,7 +11,7 @@ import numpy as np
 from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.state import Decision, PipelineState
-from companion.estimation.estimator import Surface
+from companion.estimation.surfaces import Surface
 from companion.mavlink.firmware import mode_name
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.stream_rates import StreamKeeper

@@ -13,7 +13,8 @@ from typing import Protocol
 
 from companion.clock import Readable
 from companion.config import PipelineConfig
-from companion.flight import Flight, FlightOptions
+from companion.flight.loop import Flight
+from companion.flight.options import FlightOptions
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.tlog_writer import Recorder, Records

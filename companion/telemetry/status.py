@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from companion.adaptation import words
 from companion.control.reasons import Notice, Reason
 from companion.control.state import Decision, PipelineState
-from companion.estimation.estimator import Seen
+from companion.estimation.surfaces import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.mavlink.outgoing import Message, named_value_float, statustext
 

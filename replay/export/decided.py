@@ -17,7 +17,7 @@ from companion.control.compensation import Offset
 from companion.control.position_hold import BaseSetpoint
 from companion.control.state import Decision
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 from replay.export.columns import Column
 from replay.rerun.report import play
 

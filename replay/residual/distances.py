@@ -166,7 +166,7 @@ def _planes(
 def _ring_planes(
     log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, floor: Array
 ) -> list[PlaneDistance]:
-    """What the two places of a declared ring saw, as flight does (``estimator.take_ring``). ``t``: when it was read."""
+    """What the two places of a declared ring saw, as flight does (``readings.take_ring``). ``t``: when it was read."""
     sensor = next((s for s in vehicle.rangefinders_for("wall") if s.ring), None)
     if sensor is None or not log.rings:
         return []

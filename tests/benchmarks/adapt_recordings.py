@@ -85,13 +85,13 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
         vehicle=vehicle, model=choose(vehicle, model).model, dry_run=True, adapt=Adapt.FULL
     )
     seen: deque[BlockResidual] = deque(maxlen=1)
-    inner = adapt.block_of.block_residual
+    inner = adapt.residual_of.block_residual
 
     def block_residual(*args: Any) -> BlockResidual:
         seen.append(inner(*args))
         return seen[-1]
 
-    adapt.block_of.block_residual = block_residual  # type: ignore[assignment]
+    adapt.residual_of.block_residual = block_residual  # type: ignore[assignment]
     blocks: list[tuple[float, BlockResidual, Any]] = []
     known: Adaptation | None = None
     try:
@@ -101,7 +101,7 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
                 blocks.append((decision.t_s, seen[-1], fresh.sizes.offset))
             known = fresh or known
     finally:
-        adapt.block_of.block_residual = inner
+        adapt.residual_of.block_residual = inner
     assert known is not None
     as_modelled, with_sizes = predicted(blocks)
     return Learned(log.name, known, as_modelled, with_sizes, known.learned_s)

@@ -99,7 +99,7 @@ def main() -> None:
         figure("start to first heartbeat [s]", f"{ready:.2f}", goal="0.30", met=ready <= 0.3),
     ]
     write_result(a, figures, seeds="none")
-    code = "import sys, models, companion.flight; models.load()\n"
+    code = "import sys, models, companion.flight.loop; models.load()\n"
     code += "print([m for m in ('torch', 'scipy') if m in sys.modules])"
     print(
         "torch or scipy imported by flight:",

@@ -1,4 +1,4 @@
-"""Simulated flights whose every output is checked against the promises of companion/invariants.py."""
+"""Simulated flights whose every output is checked against the promises of companion/invariants/."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from simulated import simulated
 
 import models
 from companion.config import PipelineConfig
-from companion.invariants import Audit, Auditor
+from companion.invariants.auditor import Auditor
+from companion.invariants.requirements import Audit
 
 
 @cache

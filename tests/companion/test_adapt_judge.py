@@ -12,7 +12,8 @@ from companion.adaptation import judge
 from companion.adaptation import sizes as at
 from companion.adaptation.adapt import _ALIKE
 from companion.adaptation.apply import MOST
-from companion.adaptation.judge import Belief, believed, channels_of, learn, place_of, rows
+from companion.adaptation.channel import Channel, channels_of, place_of, rows
+from companion.adaptation.judge import Belief, believed, learn
 from companion.adaptation.near_map import (
     CELLS,
     GAPS,
@@ -46,9 +47,7 @@ def around(height: float, gap: float, bearing: float = 0.0) -> FanPlaces:
     return FanPlaces((height,) * 2, (gap,) * 2, (THRUST_N,) * 2, bearing)
 
 
-def flown(
-    channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1
-) -> Belief:
+def flown(channel: Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1) -> Belief:
     """In free air, down to 1.2 radii at half a radius from a wall ahead, a while there, up again; so many times."""
     random, told = np.random.default_rng(seed), judge.initial(channel)
     low = [*np.geomspace(5.0, 1.2, 30), *[1.2] * 20, *np.geomspace(1.2, 5.0, 15)]
@@ -74,7 +73,7 @@ def flown(
     return told
 
 
-def compensated(channel: judge.Channel, told: Belief, model: Law, height: float) -> float:
+def compensated(channel: Channel, told: Belief, model: Law, height: float) -> float:
     """Share of the thrust."""
     gain, form, cell = believed(channel, told)
     there = sum(weight * cell[k] for k, weight in MAP.cells(height, 0.5))

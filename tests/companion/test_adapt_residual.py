@@ -9,18 +9,10 @@ import numpy as np
 import pytest
 
 import models
-from companion.adaptation import residual
 from companion.adaptation import sizes as at
-from companion.adaptation.residual import (
-    IMU_LAG_S,
-    Block,
-    add,
-    begin,
-    block_residual,
-    follow,
-    vane_outputs,
-    vanes_wrench,
-)
+from companion.adaptation.block import IMU_LAG_S, Block, add, begin, follow, measured
+from companion.adaptation.residual import block_residual
+from companion.adaptation.vanes import vane_outputs, vanes_wrench
 from companion.estimation.disturbance import FanPlaces, Parts, about_cg
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
@@ -184,4 +176,4 @@ def test_the_lag_delays_a_ramp_by_what_it_says():
     after = follow(block)
     assert after.lagged == block.lagged
     assert after.samples == 0
-    assert residual.measured(block, TANDEM)[0] == pytest.approx(4.6 * (1.01 - IMU_LAG_S), abs=0.02)
+    assert measured(block, TANDEM)[0] == pytest.approx(4.6 * (1.01 - IMU_LAG_S), abs=0.02)

@@ -39,7 +39,7 @@ def test_help_imports_nothing_heavy():
 
 
 def test_flight_imports_neither_torch_nor_scipy():
-    code = "import sys, models, companion.flight\nmodels.load()\n"
+    code = "import sys, models, companion.flight.loop\nmodels.load()\n"
     code += "print([m for m in ('torch', 'scipy', 'sklearn', 'matplotlib') if m in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"

@@ -11,7 +11,7 @@ from flying import CONFIG, HOVER_N, PlainModel, bench
 from companion.control.compensation import Offset, wanted_offset
 from companion.control.push import GAIN
 from companion.estimation.disturbance import Disturbance
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 from companion.mavlink.firmware import ThrustMap
 
 LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -8,7 +8,8 @@ import pytest
 from flying import CONFIG, DOWN, RIGHT, Bench
 
 from companion.estimation import estimator as est
-from companion.estimation.estimator import Estimates, Seen
+from companion.estimation.estimates import Estimates
+from companion.estimation.surfaces import Seen
 from companion.mavlink.samples import Attitude, LocalPosition, Range, RangeVerdict, RotorSpeeds
 
 LEVEL = Attitude(10.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE")
@@ -100,14 +101,16 @@ def test_a_range_goes_to_the_sensor_that_looks_the_same_way() -> None:
     assert est.surface(state, CONFIG, "ground", t).distance_m == pytest.approx(0.8, abs=0.01)
     wall = est.surface(state, CONFIG, "wall", t)
     assert wall.normal_ned == pytest.approx((0.0, 1.0, 0.0), abs=1e-6)
-    assert est.take_beam(state, beam((0.0, 0.0, -1.0), 3.0, t), CONFIG).beams[:2] == state.beams[:2]
-    assert est.take_beam(state, beam(DOWN, 0.75, t), CONFIG).beams[1] == state.beams[1]
-    assert est.take_beam(state, beam(RIGHT, 0.6, t), CONFIG).beams[0] == state.beams[0]
+    assert (
+        est.take_range(state, beam((0.0, 0.0, -1.0), 3.0, t), CONFIG).beams[:2] == state.beams[:2]
+    )
+    assert est.take_range(state, beam(DOWN, 0.75, t), CONFIG).beams[1] == state.beams[1]
+    assert est.take_range(state, beam(RIGHT, 0.6, t), CONFIG).beams[0] == state.beams[0]
 
 
 def test_a_range_before_any_attitude_is_ignored() -> None:
     unheard = est.blank_estimates(CONFIG.vehicle)
-    assert est.take_beam(unheard, beam(DOWN, 0.8), CONFIG) == unheard
+    assert est.take_range(unheard, beam(DOWN, 0.8), CONFIG) == unheard
 
 
 def test_the_vehicles_own_velocity_is_the_rate_of_a_track() -> None:

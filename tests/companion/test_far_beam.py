@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from flying import CONFIG, RIGHT, Bench
 
-from companion.estimation.estimator import Seen, surface, take_range
+from companion.estimation.readings import take_range
+from companion.estimation.surfaces import Seen, surface
 from companion.mavlink.samples import Range, RangeVerdict
 
 

@@ -10,7 +10,8 @@ from fake_autopilot import FakeAutopilot, free_port
 from flying import CONFIG
 
 from companion.config import Base
-from companion.flight import Flight, FlightOptions
+from companion.flight.loop import Flight
+from companion.flight.options import FlightOptions
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.message_filter import Intake
@@ -90,7 +91,7 @@ def test_another_program_with_the_same_identity_is_named_and_an_echo_is_not():
         for beat in autopilot.wait_for("HEARTBEAT", 3):
             autopilot.send_raw(bytes(beat.get_msgbuf()))
         time.sleep(0.3)
-        assert "twin" not in run.flight._told
+        assert not run.flight.pilot.was_told("twin")
         autopilot.send_raw(mavlink.MAVLink_heartbeat_message(18, 8, 64, 0, 4, 3).pack(other))
         for _ in range(100):
             joined = " ".join("".join(m.text for m in autopilot.of_type("STATUSTEXT")).split())

@@ -42,8 +42,8 @@ def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
 
 @pytest.mark.slow
 def test_parameters_are_asked_for_as_long_as_they_are_missing(monkeypatch):
-    monkeypatch.setattr("companion.flight._PARAMETER_RETRY_S", 0.05)
-    monkeypatch.setattr("companion.flight._PARAMETER_SLOW_RETRY_S", 0.05)
+    monkeypatch.setattr("companion.flight.requests._RETRY_S", 0.05)
+    monkeypatch.setattr("companion.flight.requests._SLOW_RETRY_S", 0.05)
     port = free_port()
     with FakeAutopilot(port, parameters={}) as autopilot, Run(port):
         asked = autopilot.wait_for("PARAM_REQUEST_READ", 400)

@@ -13,8 +13,8 @@ from flying import bench
 from companion.control.hand_over import place_of
 from companion.control.position_hold import Motion, engage
 from companion.control.reasons import Reason
-from companion.estimation.estimator import Seen, Surface
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift, compare, hear
+from companion.estimation.surfaces import Seen, Surface
 from companion.mavlink.firmware import ThrustMap
 from companion.mavlink.samples import LocalPosition
 from companion.telemetry.status import said_of

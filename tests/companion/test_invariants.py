@@ -13,7 +13,8 @@ from simflight import vehicle
 
 from companion.control.compensation import Offset
 from companion.control.state import Decision
-from companion.invariants import Auditor, Requirement
+from companion.invariants.auditor import Auditor
+from companion.invariants.requirements import Requirement
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.mavlink.wire_frames import Frame, FrameReader, pack

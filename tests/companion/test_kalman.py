@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.estimation import beams, rotors
 from companion.estimation.kalman import (
     Outcome,
     Track,
@@ -98,11 +99,12 @@ def arrays(track):
 
 def test_the_two_formulas_are_those_of_filterpy():
     filterpy = pytest.importorskip("filterpy.kalman")
+    common = pytest.importorskip("filterpy.common")
     rng = np.random.default_rng(5)
     for _ in range(50):
         x, root, dt = rng.normal(size=2), rng.normal(size=(2, 2)), rng.uniform(0.0, 0.5)
         p, f = root @ root.T, np.array([[1.0, dt], [0.0, 1.0]])
-        q = MODEL.acceleration_sd**2 * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
+        q = common.Q_discrete_white_noise(dim=2, dt=dt, var=MODEL.acceleration_sd**2)
         track = Track(3.0, *x, p[0, 0], p[0, 1], p[1, 1], 3.0)
         ahead = predict(track, MODEL, 3.0 + dt)
         oracle = filterpy.predict(x, p, f, q)
@@ -117,7 +119,64 @@ def test_the_two_formulas_are_those_of_filterpy():
             np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-12)
 
 
+def stream(seed, n=300):
+    """Steps of a clock [s], values and rates of a ramp that is seen with noise; no outlier."""
+    rng = np.random.default_rng(seed)
+    steps = rng.uniform(0.005, 0.06, n)
+    times = np.cumsum(steps)
+    return steps, 1.0 + 0.2 * times, 0.2 + 0.05 * rng.normal(size=n), rng.normal(size=n)
+
+
+@pytest.mark.parametrize(
+    ("model", "sigma", "delay"),
+    [(beams._TRACK, 0.01, beams._DELAY_S), (rotors._TRACK, rotors._SIGMA_RPM, rotors._DELAY_S)],
+)
+def test_a_track_of_flight_is_the_filter_that_the_library_designs(model, sigma, delay):
+    design = pytest.importorskip("companion.estimation.track_design")
+    steps, values, rates, noise = stream(3)
+    track = None
+    t = 0.0
+    for k, (dt, value, rate) in enumerate(zip(steps, values, rates, strict=True)):
+        t += dt
+        value = float(value + sigma * noise[k])
+        if track is None:
+            theirs = design.designed(model, value, sigma)
+            track, outcome = measure(track, model, t, value, sigma, delay)
+            assert outcome is Outcome.RESTARTED
+            continue
+        design.step_to(theirs, model, float(t - track.t_s))
+        if k % 3:
+            design.take_value(theirs, value, sigma, delay)
+            track, outcome = measure(track, model, t, value, sigma, delay)
+            assert outcome is Outcome.ACCEPTED
+        else:
+            design.take_rate(theirs, float(rate), 0.1)
+            track = measure_rate(track, model, t, float(rate), 0.1)
+        x, p = arrays(track)
+        np.testing.assert_allclose(x, theirs.x, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(p, theirs.P, rtol=1e-7, atol=1e-14)
+
+
+def test_the_smoother_sees_both_sides_of_a_gap():
+    design = pytest.importorskip("companion.estimation.track_design")
+    rng = np.random.default_rng(0)
+    t = 0.02 * np.arange(400)
+    truth = 1.0 + 0.3 * np.sin(t)
+    values = truth + 0.02 * rng.normal(size=400)
+    values[100:150] = np.nan
+    rates = 0.3 * np.cos(t) + 0.1 * rng.normal(size=400)
+    found = design.smoothed(MODEL, 0.02, values, rates, sigma=0.02, rate_sigma=0.1)
+    assert np.std(found[:, 0] - truth) < 0.3 * 0.02
+    assert np.abs(found[100:150, 0] - truth[100:150]).max() < 0.02
+    assert np.std(found[:, 1] - 0.3 * np.cos(t)) < 0.3 * 0.1
+    with pytest.raises(ValueError, match="begins at a measured value"):
+        design.smoothed(MODEL, 0.02, values[100:], rates[100:], sigma=0.02, rate_sigma=0.1)
+
+
 def test_flight_needs_no_filterpy():
-    code = "import sys, companion.pipeline; print([m for m in sys.modules if 'filterpy' in m or m == 'scipy'])"
+    code = (
+        "import sys, companion.flight.loop; "
+        "print([m for m in sys.modules if 'filterpy' in m or m == 'scipy'])"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"

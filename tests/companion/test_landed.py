@@ -8,7 +8,7 @@ from flying import bench
 
 from companion.control.landed import flies_all_the_same, standing_height
 from companion.control.reasons import Notice, Reason
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 from companion.telemetry.status import said_of
 
 STANDING_M, HELD_M = 0.15, 0.45

@@ -10,15 +10,10 @@ from flying import CONFIG, DOWN, RIGHT, Bench
 
 from companion.config import PipelineConfig
 from companion.control.reasons import Reason
-from companion.estimation.estimator import (
-    Estimates,
-    Seen,
-    blank_estimates,
-    surface,
-    take_attitude,
-    take_position,
-)
-from companion.estimation.estimator import take_range as take
+from companion.estimation.estimates import Estimates, blank_estimates
+from companion.estimation.estimator import take_attitude, take_position
+from companion.estimation.readings import take_range as take
+from companion.estimation.surfaces import Seen, surface
 from companion.mavlink.samples import Attitude, LocalPosition, Range, RangeVerdict
 from models.common.frames import quaternion_from_euler
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
-from collections import Counter
 
 import pytest
 
 import models
 from companion.config import PipelineConfig
-from companion.flight import Flight, FlightOptions, percentiles_ms
+from companion.flight.latency import Latencies
+from companion.flight.loop import Flight
+from companion.flight.options import FlightOptions
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.link import Arrivals
 from companion.mavlink.wire_frames import FrameReader
@@ -77,7 +78,17 @@ def test_a_long_flight_needs_no_more_memory_than_a_short_one():
     assert after - before < 4_000, "4800 messages leave nothing behind"
 
 
+def latencies(*took_us):
+    out = Latencies()
+    for one in took_us:
+        out.add(one)
+    return out
+
+
 def test_percentiles_of_latencies():
-    assert percentiles_ms(Counter()) is None
-    assert percentiles_ms(Counter(range(100))) == {"p50": 0.5, "p99": 0.99}
-    assert percentiles_ms(Counter({3: 90, 2000: 10})) == {"p50": 0.04, "p99": 20.01}
+    assert latencies().percentiles_ms() is None
+    assert latencies(*range(0, 1000, 10)).percentiles_ms() == {"p50": 0.5, "p99": 0.99}
+    slow = latencies(*[30] * 90, *[20_000] * 10)
+    assert slow.percentiles_ms() == {"p50": 0.04, "p99": 20.01}
+    assert latencies(-5).percentiles_ms() == {"p50": 0.01, "p99": 0.01}
+    assert latencies(10**9).percentiles_ms() == {"p50": 100.01, "p99": 100.01}

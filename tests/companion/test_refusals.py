@@ -15,7 +15,7 @@ from companion.control.reasons import Reason
 from companion.control.refusals import refusals
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 
 Change = Callable[[PipelineState], PipelineState]
 

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.check import CheckSetup, Listener, Verdict, _ranges
 from companion.config import PipelineConfig
-from companion.estimation import estimator as est
-from companion.estimation.estimator import Seen
+from companion.estimation import surfaces
 from companion.estimation.ring_planes import placed, ring_view
+from companion.estimation.surfaces import Seen
 from companion.mavlink import OWN_COMPONENT
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.message_table import decode
@@ -244,7 +244,7 @@ class Hovering:
                 walls = self.walls or [(0.5 * math.pi, self.gap)]
                 ring = ring_of(8, walls, start=self.start(self.bench.t))
                 self.bench.feed(self.change(replace(ring, t_s=self.bench.t)))
-        return est.walls(self.bench.state.estimates, self.bench.config, self.bench.t)
+        return surfaces.walls(self.bench.state.estimates, self.bench.config, self.bench.t)
 
 
 def test_a_declared_ring_gives_the_wall_and_an_undeclared_one_nothing():

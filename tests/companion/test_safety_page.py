@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from faults.catalog import FAULTS
 
-from companion.invariants import Requirement
+from companion.invariants.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from simflight import vehicle
 from simulated import simulated
 
 from companion.control.reasons import Notice
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink.samples import LocalPosition
 from companion.sim.scenario import build

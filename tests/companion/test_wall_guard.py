@@ -11,7 +11,7 @@ import pytest
 from companion.control.plant import FULL
 from companion.control.position_hold import BaseSetpoint, Motion, engage, fly
 from companion.control.wall_guard import WallAhead, watch_wall
-from companion.estimation.estimator import Seen, Surface
+from companion.estimation.surfaces import Seen, Surface
 from companion.mavlink.firmware import ThrustMap
 from models.vehicle import Limits
 

@@ -15,8 +15,8 @@ from truth_file import TruthFile
 from companion import last_word
 from companion.clock import Readable
 from companion.config import PipelineConfig
-from companion.flight import FlightOptions
-from companion.invariants import Auditor
+from companion.flight.options import FlightOptions
+from companion.invariants.auditor import Auditor
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.mavlink.wire_frames import cut
 from companion.sim.flight import SimulatedFlight

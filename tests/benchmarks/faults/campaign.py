@@ -20,7 +20,7 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.control.state import Decision
-from companion.invariants import Auditor
+from companion.invariants.auditor import Auditor
 from companion.sim.flight import SimulatedFlight
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
