@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models.air_state import AirState
 from models.common.errors import LogError
-from models.common.frames import Array
+from models.common.frames import Array, rotation_from_quaternion
 from models.vehicle import Vehicle
 from replay.predict.rollout import POSITION, QUATERNION, RATES, STATE, VELOCITY, Surroundings
 from replay.residual.grid import Mask
@@ -34,7 +34,7 @@ class Windows:
     measured: Array
     """(n, steps, 13) what followed."""
     rotations: Array
-    """(n, steps, 3, 3) measured attitude at the start of every step."""
+    """(n, steps, 3, 3) measured attitude in the middle of every step."""
     rows: NDArray[np.int64]
     """(n, steps) rows of the flight at the start of every step."""
     near: Surroundings
@@ -71,7 +71,7 @@ def windows(flown: Flown, horizon_s: float, after_s: float) -> Windows:
         states=full[chosen],
         inputs=inputs[rows],
         measured=full[rows + 1],
-        rotations=state.rotation[rows],
+        rotations=halfway(full[rows, QUATERNION], full[rows + 1, QUATERNION]),
         rows=rows,
         near=Surroundings(
             h_m=state.h_m[chosen],
@@ -115,6 +115,17 @@ def quaternions(rotations: Array) -> Array:
         x_first = Rotation.from_matrix(rotations[known]).as_quat()
         out[known] = np.roll(x_first, 1, axis=1)
     return out
+
+
+def halfway(first: Array, second: Array) -> Array:
+    """Rotation matrices (..., 3, 3) half way from the unit quaternions (..., 4) of one instant to those of the next.
+
+    The sum of two unit quaternions of one sign lies on the great arc between them, at its middle (Shoemake 1985,
+    SIGGRAPH Computer Graphics 19, 245).
+    """
+    same = (first * second).sum(axis=-1, keepdims=True) >= 0.0
+    total = first + np.where(same, second, -second)
+    return rotation_from_quaternion(total / np.linalg.norm(total, axis=-1, keepdims=True))
 
 
 def _starts(time_s: Array, step_s: float, steps: int, after_s: float) -> NDArray[np.int64]:

@@ -19,7 +19,7 @@ from models.vehicle import Vehicle, load_vehicle
 from replay import FlightModel, rollout
 from replay.cli import main
 from replay.predict.rollout import POSITION, QUATERNION, RATES, VELOCITY, Surroundings
-from replay.predict.windows import _all_known
+from replay.predict.windows import _all_known, halfway
 from tests.replay.rigid_flight import RATE_HZ, fly
 
 SHIPPED = Path(__file__).parents[2] / "companion" / "vehicles" / "quad.toml"
@@ -118,6 +118,33 @@ def test_a_known_flight_is_foretold(vehicle: Vehicle) -> None:
     error = np.linalg.norm(out[:, -1, RATES] - states[starts + steps, RATES], axis=1)
     moved = np.linalg.norm(states[starts, RATES] - states[starts + steps, RATES], axis=1)
     assert error.mean() < 0.1 * moved.mean()
+
+
+def test_a_measured_attitude_is_that_of_the_middle_of_a_step() -> None:
+    """A quarter turn about the nose, told with either sign of its quaternion."""
+    upright = np.array([[1.0, 0.0, 0.0, 0.0]])
+    rolled = np.array([[np.cos(np.pi / 4.0), np.sin(np.pi / 4.0), 0.0, 0.0]])
+    half = np.sqrt(0.5)
+    eighth = np.array([[1.0, 0.0, 0.0], [0.0, half, -half], [0.0, half, half]])
+    for sign in (1.0, -1.0):
+        assert halfway(upright, sign * rolled)[0] == pytest.approx(eighth)
+
+
+def test_with_the_measured_attitude_a_turning_thrust_ends_where_it_should(
+    vehicle: Vehicle,
+) -> None:
+    """Thrust that turns at a steady rate has a known speed; windows have to take the middle of every step."""
+    steps = 50
+    rate = 4.0
+    angle = rate * STEP_S * np.arange(steps + 1)
+    quaternions = np.zeros((steps + 1, 4))
+    quaternions[:, 0] = np.cos(0.5 * angle)
+    quaternions[:, 1] = np.sin(0.5 * angle)
+    middle = halfway(quaternions[:-1], quaternions[1:])
+    speeds = hover(vehicle, steps)
+    out = rollout(FlightModel(vehicle), at_rest(), speeds, step_s=STEP_S, rotations=middle[None])
+    east = GRAVITY * (1.0 - np.cos(angle[-1])) / rate
+    assert out[0, -1, VELOCITY][1] == pytest.approx(east, rel=1e-3)
 
 
 @pytest.mark.parametrize(
