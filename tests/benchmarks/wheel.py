@@ -33,7 +33,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     ),
     "export": (("replay", "export", "flight.tlog", "--to", "parquet", "--vehicle", "tandem"),),
     "serve": (("python", "-c", "import replay.desk.app"),),
-    "cluster": (("python", "-c", "import distributed"),),
+    "cluster": (("python", "-c", "import distributed, replay.rerun"),),
     "design": (("python", "-c", "import companion.estimation.track_design"),),
 }
 """What is run for each extra."""
