@@ -20,7 +20,7 @@ from companion.adaptation.apply import MOST
 from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
 from companion.adaptation.sizes import Size
-from companion.estimation.disturbance import FanPlaces
+from companion.disturbance.records import FanPlaces
 from models.common.frames import Array
 
 _ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.estimation.disturbance import Parts, about_cg
+from companion.disturbance.about_cg import about_cg
+from companion.disturbance.records import Parts
 from companion.mavlink.samples import Imu
 from models.common.frames import Array, Rows, at_cg, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vector3, Vehicle

@@ -11,7 +11,7 @@ from companion.control.plant import HoldTuning, Margin
 from companion.control.reasons import Reason
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Seen
 from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import (

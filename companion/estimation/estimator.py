@@ -27,8 +27,6 @@ from companion.estimation.range_doubt import (
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     choose_walls,
-    fan_heights_now,
-    fan_wall_distances_now,
     plane_distance,
 )
 from companion.estimation.ring_planes import placed, ring_view
@@ -533,41 +531,6 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
     if beam.read.why is not None and heard <= RANGE_AGE_S:
         return Surface(_DOUBTED[beam.read.why])
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
-
-
-class FanQuery(NamedTuple):
-    """The surrogate's arguments by fan, and the wall's bearing [rad]. Plain floats: two to six fans are few."""
-
-    h_m: tuple[float, ...]
-    d_m: tuple[float, ...]
-    rpm: tuple[float, ...]
-    wall_bearing_rad: float
-
-
-def fan_query(
-    vehicle: Vehicle,
-    ground: Surface,
-    wall: Surface,
-    rotation: Rows,
-    rpm: tuple[float, ...],
-    lead_s: float,
-) -> FanQuery:
-    """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
-    h = [math.inf] * len(vehicle.fans)
-    if ground.seen is Seen.SURFACE:
-        h = fan_heights_now(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
-    d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
-    return FanQuery(tuple(h), tuple(d), rpm, bearing)
-
-
-def lips_to_wall(
-    vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float
-) -> tuple[list[float], float]:
-    """Outer lip of every fan to a wall [m], ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
-    if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
-        return [math.inf] * len(vehicle.fans), 0.0
-    distance = wall.distance_m + wall.rate_m_s * lead_s
-    return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)
 
 
 def rotor_speeds(

@@ -21,7 +21,8 @@ from companion.adaptation.residual import (
     vane_outputs,
     vanes_wrench,
 )
-from companion.estimation.disturbance import FanPlaces, Parts, about_cg
+from companion.disturbance.about_cg import about_cg
+from companion.disturbance.records import FanPlaces, Parts
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state

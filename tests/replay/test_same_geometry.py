@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 import models
 from companion.config import PipelineConfig
-from companion.estimation.air_state import air_state
+from companion.disturbance.air_state import air_state
+from companion.disturbance.fan_query import fan_query
 from companion.estimation.estimator import (
     Estimates,
     Seen,
     blank_estimates,
-    fan_query,
     surface,
     take_attitude,
     take_range,

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from companion.config import PipelineConfig
-from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, lips_to_wall, walls
+from companion.disturbance.fan_query import FanQuery, lips_to_wall
+from companion.estimation.estimator import Estimates, Seen, Surface, walls
 from companion.estimation.range_geometry import fan_ceilings
 from models.air_state import AirState, blank_state
 from models.common.frames import GRAVITY, LEVEL, Array
