@@ -45,12 +45,12 @@ from companion.control.position_hold import (
     shifted,
 )
 from companion.control.position_target import Target, read_target, stay
-from companion.control.push import modelled_disturbance
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
 from companion.control.refusals import refusals, upstream_silent
 from companion.control.state import Decision, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall, watch_wall
+from companion.disturbance.model import modelled_disturbance
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.estimates import blank_estimates
@@ -494,9 +494,9 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     if rotors is None or rows is None:
         return with_changes(state, disturbance=None, disturbance_s=t_s)
     if state.adaptation is None:
-        applied = None
+        correction = None
     else:
-        applied = state.adaptation.applied
+        correction = state.adaptation.applied
     disturbance = modelled_disturbance(
         estimates=state.estimates,
         config=config,
@@ -504,7 +504,7 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
         rotation=rows,
         t_s=t_s,
         damping_1_s=damping_1_s(state, config),
-        applied=applied,
+        correction=correction,
     )
     share = state.lift_share
     if state.air.flies(t_s):

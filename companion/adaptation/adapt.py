@@ -42,7 +42,7 @@ from companion.adaptation.sizes import (
 )
 from companion.adaptation.vanes import vane_outputs
 from companion.config import PipelineConfig
-from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
+from companion.disturbance.records import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
 from models.common.frames import GRAVITY, Array, Rows
 from models.common.frozen_copy import with_changes

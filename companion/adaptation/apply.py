@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.adaptation.near_map import NOTHING, NearField
-from companion.estimation.disturbance import FanPlaces, about_cg
+from companion.disturbance.about_cg import about_cg
+from companion.disturbance.records import FanPlaces
 from models.common.frames import Array
 from models.vehicle import Vehicle
 
@@ -55,6 +56,11 @@ class Applied:
         if effects.size:
             total += (np.array(self.shares[3:]) - 1.0) @ effects
         return total
+
+    def pull_change_n(self, modelled_n: float, around: FanPlaces, step_radii: float) -> float:
+        """How much weaker the pull to the wall gets ``step_radii`` further off [N]; ``modelled_n`` by the model."""
+        beside_model = self.near.pull_change_n(around, step_radii)
+        return self.shares[1] * modelled_n + beside_model
 
 
 def share_of(value: float, sd: float) -> float:

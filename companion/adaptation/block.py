@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from companion.estimation.disturbance import Parts
+from companion.disturbance.records import Parts
 from companion.mavlink.samples import Imu
 from models.common.frames import Array, wrench_of_motion
 from models.vehicle import Vector3, Vehicle

@@ -17,7 +17,7 @@ import numpy as np
 from companion.adaptation import sizes as at
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
 from companion.adaptation.sizes import Size
-from companion.estimation.disturbance import FanPlaces
+from companion.disturbance.records import FanPlaces
 from models.common.frames import Array
 
 WITH_MODEL = 0

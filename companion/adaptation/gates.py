@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
 from companion.mavlink.samples import Imu
 from models.common.frames import GRAVITY

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.estimation.disturbance import FanPlaces, about_cg
+from companion.disturbance.about_cg import about_cg
+from companion.disturbance.records import FanPlaces
 from models.surface_map import SurfaceMap
 from models.vehicle import Vehicle
 

@@ -17,7 +17,7 @@ from companion.adaptation import sizes as at
 from companion.adaptation import steady
 from companion.adaptation.block import AXES, Block, measured
 from companion.adaptation.vanes import vanes_wrench
-from companion.estimation.disturbance import about_cg
+from companion.disturbance.about_cg import about_cg
 from models.common.frames import Array, Rows
 from models.vehicle import Vehicle
 

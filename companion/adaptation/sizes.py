@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from companion.disturbance.adopted_effects import effects_with_size
 from models.common.frames import Array
-from models.effects import get
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 
@@ -64,14 +64,6 @@ class SizeEstimate:
 def channels(table: tuple[Size, ...]) -> tuple[int, ...]:
     """Places of the sizes by which something is compensated: the three gains and the adopted effects."""
     return (*range(len(GAINS)), *range(FIRST_EFFECT, len(table)))
-
-
-def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
-    """Places in ``model.effects`` of the adopted effects that have a size of their own.
-
-    What the others are wrong by is measured as one of the eleven, or not compensated in flight at all.
-    """
-    return tuple(k for k, e in enumerate(model.effects) if get(e.name).in_flight.gain)
 
 
 @lru_cache(maxsize=8)

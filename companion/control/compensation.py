@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.vectors import clipped, lagged, scaled
 from companion.mavlink.firmware import ThrustMap
 from models.common.frames import GRAVITY, Rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen, Surface
 
 ON_GROUND = 1

@@ -3,60 +3,106 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import Self
+
+from companion.estimation.surfaces import Seen
+
+
+class HoldsBack(Enum):
+    """What a reason keeps from the autopilot."""
+
+    EVERYTHING = "nothing is sent"
+    OFFSETS = "the base is sent, offsets fade to zero"
 
 
 class Reason(Enum):
-    """Why offsets are not (or not fully) applied. The value is what the pilot reads."""
+    """Why offsets are not (or not fully) applied, gravest first. The value is what the pilot reads."""
 
-    # Nothing is sent at all
-    NO_HEARTBEAT = "no heartbeat from the autopilot"
-    NOT_ARMED = "not armed"
-    WRONG_MODE = "not in GUIDED, GUIDED_NOGPS or OFFBOARD"
-    LANDED = "on the ground"
-    ATTITUDE_STALE = "attitude missing or old"
-    POSITION_STALE = "local position missing or old"
-    TOO_LATE = "telemetry arrives too late to fly on"
-    POSITION_UNTRUSTED = "the autopilot does not trust its own position"
-    THRUST_UNKNOWN = "GUID_OPTIONS not read yet: the meaning of thrust is unknown"
-    THRUST_IS_CLIMB_RATE = (
-        "GUID_OPTIONS lacks bit 3 (value 8): thrust would be read as a climb rate"
+    _value_: str
+    holds_back: HoldsBack
+
+    def __new__(cls, text: str, holds_back: HoldsBack) -> Self:
+        """A reason by its text alone, with what it holds back beside it."""
+        reason = object.__new__(cls)
+        reason._value_ = text
+        reason.holds_back = holds_back
+        return reason
+
+    NO_HEARTBEAT = "no heartbeat from the autopilot", HoldsBack.EVERYTHING
+    NOT_ARMED = "not armed", HoldsBack.EVERYTHING
+    WRONG_MODE = "not in GUIDED, GUIDED_NOGPS or OFFBOARD", HoldsBack.EVERYTHING
+    LANDED = "on the ground", HoldsBack.EVERYTHING
+    ATTITUDE_STALE = "attitude missing or old", HoldsBack.EVERYTHING
+    POSITION_STALE = "local position missing or old", HoldsBack.EVERYTHING
+    TOO_LATE = "telemetry arrives too late to fly on", HoldsBack.EVERYTHING
+    POSITION_UNTRUSTED = "the autopilot does not trust its own position", HoldsBack.EVERYTHING
+    THRUST_UNKNOWN = (
+        "GUID_OPTIONS not read yet: the meaning of thrust is unknown",
+        HoldsBack.EVERYTHING,
     )
-    TYPE_IGNORED = "this MAV_TYPE ignores SET_ATTITUDE_TARGET.thrust on PX4"
-    STACK_UNKNOWN = "neither ArduPilot nor PX4"
-    UPSTREAM_STALE = "no setpoint from the upstream controller"
-    CARRIER_REFUSED = "--carrier acceleration cancels no disturbance on ArduPilot (measured)"
-    TAKING_OFF = "waiting for the end of the take-off"
-    HOVER_UNKNOWN = "hover thrust not known yet: let the autopilot hover for a few seconds"
+    THRUST_IS_CLIMB_RATE = (
+        "GUID_OPTIONS lacks bit 3 (value 8): thrust would be read as a climb rate",
+        HoldsBack.EVERYTHING,
+    )
+    TYPE_IGNORED = "this MAV_TYPE ignores SET_ATTITUDE_TARGET.thrust on PX4", HoldsBack.EVERYTHING
+    STACK_UNKNOWN = "neither ArduPilot nor PX4", HoldsBack.EVERYTHING
+    UPSTREAM_STALE = "no setpoint from the upstream controller", HoldsBack.EVERYTHING
+    CARRIER_REFUSED = (
+        "--carrier acceleration cancels no disturbance on ArduPilot (measured)",
+        HoldsBack.EVERYTHING,
+    )
+    TAKING_OFF = "waiting for the end of the take-off", HoldsBack.EVERYTHING
+    HOVER_UNKNOWN = (
+        "hover thrust not known yet: let the autopilot hover for a few seconds",
+        HoldsBack.EVERYTHING,
+    )
     HOVER_IMPLAUSIBLE = (
         "the autopilot's hover parameter contradicts the vehicle file, and no thrust could be "
-        "learned"
+        "learned",
+        HoldsBack.EVERYTHING,
     )
-    NO_MARGIN = "attitude too slow or positions too late for a hold that is stable and firm"
-    SWINGS_ON = "the hold swings even with soft gains"
-    # The base is sent, offsets fade to zero
-    RANGE_MISSING = "rangefinder never heard"
-    RANGE_LOST = "range lost: from near to nothing without motion"
-    RANGE_FROZEN = "range frozen: the vehicle moves, the reading does not"
-    RANGE_STALE = "range old or invalid"
-    LATE = "telemetry arrives late"
-    POSITION_OLD = "local position is late"
-    RPM_MISSING = "rotor speeds missing or old"
-    SURFACE_STEP = "ground or wall jumped"
-    RANGE_JUMPED = "a range jumped, the vehicle did not move"
-    HEIGHT_DRIFTS = "height estimate drifts against the ground range"
-    OUT_OF_DOMAIN = "outside the data of the model"
-    TILTED = "tilted beyond 25 degrees"
-    SWINGING = "the hold was swinging: softer gains"
-    STOPPING = "stopping"
-    NO_MODEL = "no model of this vehicle's air"
-    MODEL_WRONG = "modelled lift is not the weight: model or file of another vehicle"
-    ROTORS_WRONG = "more rotors turn than the vehicle file names: of another vehicle"
-    OFFSETS_OFF = "offsets switched off"
+    NO_MARGIN = (
+        "attitude too slow or positions too late for a hold that is stable and firm",
+        HoldsBack.EVERYTHING,
+    )
+    SWINGS_ON = "the hold swings even with soft gains", HoldsBack.EVERYTHING
+    RANGE_MISSING = "rangefinder never heard", HoldsBack.OFFSETS
+    RANGE_LOST = "range lost: from near to nothing without motion", HoldsBack.OFFSETS
+    RANGE_FROZEN = "range frozen: the vehicle moves, the reading does not", HoldsBack.OFFSETS
+    RANGE_STALE = "range old or invalid", HoldsBack.OFFSETS
+    LATE = "telemetry arrives late", HoldsBack.OFFSETS
+    POSITION_OLD = "local position is late", HoldsBack.OFFSETS
+    RPM_MISSING = "rotor speeds missing or old", HoldsBack.OFFSETS
+    SURFACE_STEP = "ground or wall jumped", HoldsBack.OFFSETS
+    RANGE_JUMPED = "a range jumped, the vehicle did not move", HoldsBack.OFFSETS
+    HEIGHT_DRIFTS = "height estimate drifts against the ground range", HoldsBack.OFFSETS
+    OUT_OF_DOMAIN = "outside the data of the model", HoldsBack.OFFSETS
+    TILTED = "tilted beyond 25 degrees", HoldsBack.OFFSETS
+    SWINGING = "the hold was swinging: softer gains", HoldsBack.OFFSETS
+    STOPPING = "stopping", HoldsBack.OFFSETS
+    NO_MODEL = "no model of this vehicle's air", HoldsBack.OFFSETS
+    MODEL_WRONG = (
+        "modelled lift is not the weight: model or file of another vehicle",
+        HoldsBack.OFFSETS,
+    )
+    ROTORS_WRONG = (
+        "more rotors turn than the vehicle file names: of another vehicle",
+        HoldsBack.OFFSETS,
+    )
+    OFFSETS_OFF = "offsets switched off", HoldsBack.OFFSETS
 
 
-_GRAVEST_FIRST = tuple(Reason)
-HOLDS_BACK_EVERYTHING = frozenset(_GRAVEST_FIRST[: _GRAVEST_FIRST.index(Reason.SWINGS_ON) + 1])
-"""Those of the first group."""
+HOLDS_BACK_EVERYTHING = frozenset(
+    [reason for reason in Reason if reason.holds_back is HoldsBack.EVERYTHING]
+)
+
+REASON_OF_SIGHT = {
+    Seen.MISSING: Reason.RANGE_MISSING,
+    Seen.STALE: Reason.RANGE_STALE,
+    Seen.LOST: Reason.RANGE_LOST,
+    Seen.FROZEN: Reason.RANGE_FROZEN,
+}
+"""What is said of a direction that should be watched and is not."""
 
 
 class Notice(Enum):

@@ -8,14 +8,13 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_known
 from companion.control.lateness import LATE_FADE_S, LATE_STOP_FOR_S, lateness
 from companion.control.plant import HoldTuning, Margin
-from companion.control.reasons import Reason
+from companion.control.reasons import REASON_OF_SIGHT, Reason
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.estimation.height_drift import FADE_M_S
 from companion.estimation.rotors import ROTOR_AGE_S
-from companion.estimation.surfaces import Seen
 from companion.mavlink.firmware import (
     Stack,
     ThrustMeaning,
@@ -27,12 +26,6 @@ from companion.mavlink.samples import Heartbeat
 from models.surrogate.empty import is_empty
 from models.vehicle.lift_ratio import IN_FLIGHT
 
-_ABOUT_RANGES = {
-    Seen.MISSING: Reason.RANGE_MISSING,
-    Seen.STALE: Reason.RANGE_STALE,
-    Seen.LOST: Reason.RANGE_LOST,
-    Seen.FROZEN: Reason.RANGE_FROZEN,
-}
 _ABOUT_THRUST = {
     ThrustMeaning.CLIMB_RATE: Reason.THRUST_IS_CLIMB_RATE,
     ThrustMeaning.IGNORED: Reason.TYPE_IGNORED,
@@ -174,7 +167,7 @@ def _surfaces(out: list[Reason], disturbance: Disturbance, t_s: float) -> None:
     """Each refusal once, though several surfaces may have it."""
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if not surface.known:
-            reason = _ABOUT_RANGES[surface.seen]
+            reason = REASON_OF_SIGHT[surface.seen]
         elif surface.stepped(t_s):
             reason = Reason.SURFACE_STEP
         elif surface.jumped:

@@ -21,7 +21,7 @@ from companion.control.reasons import Notice, Reason
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import WallAhead
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift

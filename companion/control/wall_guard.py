@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen
 from models.vehicle import Vector3
 

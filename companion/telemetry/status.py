@@ -8,9 +8,8 @@ import textwrap
 from collections.abc import Iterator
 
 from companion.adaptation import words
-from companion.control.reasons import Notice, Reason
+from companion.control.reasons import REASON_OF_SIGHT, Notice, Reason
 from companion.control.state import Decision, PipelineState
-from companion.estimation.surfaces import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.mavlink.outgoing import Message, named_value_float, statustext
 
@@ -22,12 +21,7 @@ _REPEAT_S = 5.0
 """The same words at most this often, and a change of lesser refusals alone."""
 _LESSER_CALM_S = 2.0
 """Lesser refusals count once they have lasted this long."""
-_ABOUT_RANGES = {
-    Reason.RANGE_MISSING: Seen.MISSING,
-    Reason.RANGE_STALE: Seen.STALE,
-    Reason.RANGE_LOST: Seen.LOST,
-    Reason.RANGE_FROZEN: Seen.FROZEN,
-}
+_SIGHT_OF_REASON = {reason: seen for seen, reason in REASON_OF_SIGHT.items()}
 _LATENESS = ((Reason.LATE,), (Reason.TOO_LATE,))
 _SENDER = "companion: "
 _LESSER = "; also: "
@@ -210,8 +204,8 @@ def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
 
 def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
     """One refusal, and which range or mode it is about."""
-    what = reason.value
-    seen = _ABOUT_RANGES.get(reason)
+    what: str = reason.value
+    seen = _SIGHT_OF_REASON.get(reason)
     if seen is not None and decision.disturbance is not None:
         disturbance = decision.disturbance
         surfaces = {

@@ -12,7 +12,7 @@ import numpy as np
 from companion.adaptation.adapt import Adaptation
 from companion.control.reasons import Reason
 from companion.control.state import Decision
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""

@@ -16,7 +16,7 @@ from companion.config import PipelineConfig
 from companion.control.compensation import Offset
 from companion.control.position_hold import BaseSetpoint
 from companion.control.state import Decision
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen, Surface
 from replay.export.columns import Column
 from replay.rerun.report import play

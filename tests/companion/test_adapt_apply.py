@@ -11,7 +11,8 @@ from companion.adaptation import apply
 from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.near_map import CELLS, NOTHING, NearField
 from companion.adaptation.words import sentence
-from companion.estimation.disturbance import FanPlaces, about_cg
+from companion.disturbance.about_cg import about_cg
+from companion.disturbance.records import FanPlaces
 from companion.vehicles import default_vehicle
 
 TANDEM = default_vehicle()

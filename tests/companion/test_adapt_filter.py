@@ -15,11 +15,11 @@ from companion.adaptation.sizes import (
     GAINS,
     Size,
     Sizes,
-    effects_with_size,
     estimates,
     prior,
     size_table,
 )
+from companion.disturbance.adopted_effects import effects_with_size
 from companion.vehicles import default_vehicle
 from models import load
 from models.effects import InFlight, catalogue, get

@@ -27,8 +27,8 @@ from companion.adaptation.near_map import CELLS, NearField
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
 from companion.config import PipelineConfig
-from companion.control import push
 from companion.control.plant import FULL
+from companion.disturbance import stable_gain
 from companion.mavlink.stream_rates import StreamKeeper
 from companion.page.snapshot import snapshot
 from companion.pipeline import answer, initial_state
@@ -155,9 +155,9 @@ def test_a_share_grows_slower_than_the_holds_integrators_answer():
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 1.5])
 def test_delayed_feed_forward_to_a_wall_stays_within_its_share_of_the_damping(share):
     damping, pull = 5.0, 60.0
-    gain = push._stable_gain(pull * share, VEHICLE, damping)
-    taken = gain * pull * share * push.RESIDUAL_DELAY_S / VEHICLE.mass_kg
-    assert taken <= push.DAMPING_SHARE * damping * (1.0 + 1e-9)
+    gain = stable_gain.stable_gain(pull * share, VEHICLE, damping)
+    taken = gain * pull * share * stable_gain.RESIDUAL_DELAY_S / VEHICLE.mass_kg
+    assert taken <= stable_gain.DAMPING_SHARE * damping * (1.0 + 1e-9)
 
 
 @pytest.mark.slow

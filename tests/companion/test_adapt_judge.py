@@ -24,7 +24,7 @@ from companion.adaptation.near_map import (
     cheeseman_bennett,
 )  # fmt: skip
 from companion.adaptation.sizes import size_table
-from companion.estimation.disturbance import FanPlaces
+from companion.disturbance.records import FanPlaces
 from companion.vehicles import default_vehicle
 from models import load
 from models.corner_law import ClosedForm

@@ -13,7 +13,8 @@ from companion.adaptation import sizes as at
 from companion.adaptation.block import IMU_LAG_S, Block, add, begin, follow, measured
 from companion.adaptation.residual import block_residual
 from companion.adaptation.vanes import vane_outputs, vanes_wrench
-from companion.estimation.disturbance import FanPlaces, Parts, about_cg
+from companion.disturbance.about_cg import about_cg
+from companion.disturbance.records import FanPlaces, Parts
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state

@@ -10,9 +10,9 @@ import pytest
 
 import models
 from companion.config import Base, PipelineConfig
-from companion.control import push as push_module
 from companion.control.plant import FULL
-from companion.control.push import adopted_disturbance, adopted_pull_change_n
+from companion.disturbance import stable_gain
+from companion.disturbance.adopted_effects import adopted_disturbance, adopted_pull_change_n
 from companion.pipeline import damping_1_s, initial_state
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
@@ -70,7 +70,7 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
     radius = VEHICLE.rotor_radius_m
     gaps = np.linspace(0.3, 3.0, 271) * radius
     ours = np.array([push(ceiling, gap)[2] for gap in gaps])
-    with mock.patch.object(push_module, "RESIDUAL_DELAY_S", 1e-6):
+    with mock.patch.object(stable_gain, "RESIDUAL_DELAY_S", 1e-6):
         whole = np.array([push(ceiling, gap)[2] for gap in gaps])
     share = ours / whole
     assert share[-1] == pytest.approx(1.0)

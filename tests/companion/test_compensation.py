@@ -9,8 +9,8 @@ import pytest
 from flying import CONFIG, HOVER_N, PlainModel, bench
 
 from companion.control.compensation import Offset, wanted_offset
-from companion.control.push import GAIN
-from companion.estimation.disturbance import Disturbance
+from companion.disturbance.records import Disturbance
+from companion.disturbance.stable_gain import GAIN
 from companion.estimation.surfaces import Seen, Surface
 from companion.mavlink.firmware import ThrustMap
 

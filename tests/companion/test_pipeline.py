@@ -12,9 +12,9 @@ import companion.settle as settle_module
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, swing_detector
 from companion.control.compensation import Offset, slewed
-from companion.control.push import GAIN
 from companion.control.reasons import Reason
 from companion.control.state import PipelineState
+from companion.disturbance.stable_gain import GAIN
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,

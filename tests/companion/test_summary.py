@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from companion.control.compensation import Offset
-from companion.control.reasons import HOLDS_BACK_EVERYTHING, Reason
+from companion.control.reasons import HOLDS_BACK_EVERYTHING, HoldsBack, Reason
 from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.telemetry.summary import Summary
@@ -50,6 +50,12 @@ def test_reasons_that_hold_back_everything_come_first():
     order = list(Reason)
     last_grave = max(order.index(r) for r in HOLDS_BACK_EVERYTHING)
     assert last_grave == len(HOLDS_BACK_EVERYTHING) - 1
+
+
+def test_every_reason_says_what_it_holds_back():
+    assert Reason.LANDED.holds_back is HoldsBack.EVERYTHING
+    assert Reason.RANGE_LOST.holds_back is HoldsBack.OFFSETS
+    assert Reason.LANDED.value == "on the ground"
 
 
 def test_a_zero_has_no_sign():

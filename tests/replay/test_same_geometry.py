@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 import models
 from companion.config import PipelineConfig
-from companion.estimation.air_state import air_state
+from companion.disturbance.air_state import air_state
+from companion.disturbance.fan_query import fan_query
 from companion.estimation.estimates import Estimates, blank_estimates
 from companion.estimation.estimator import take_attitude
-from companion.estimation.fan_query import fan_query
 from companion.estimation.readings import take_range
 from companion.estimation.surfaces import Seen, surface
 from companion.mavlink.range_beams import orientation_direction

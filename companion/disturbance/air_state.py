@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from companion.config import PipelineConfig
+from companion.disturbance.fan_query import FanQuery, lips_to_wall
 from companion.estimation.estimates import Estimates
-from companion.estimation.fan_query import FanQuery, lips_to_wall
 from companion.estimation.range_geometry import fan_ceilings
 from companion.estimation.surfaces import Seen, Surface, walls
 from models.air_state import AirState, blank_state

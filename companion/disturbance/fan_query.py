@@ -1,4 +1,4 @@
-"""Where every fan is to ground and wall, and how fast it turns: what the surrogate is asked."""
+"""Where the fans are to ground and wall a little ahead: the arguments of the surrogate."""
 
 from __future__ import annotations
 

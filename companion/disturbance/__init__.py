@@ -1,0 +1,1 @@
+"""The disturbance: what ground, walls and adopted effects do to the vehicle now, by the model."""
