@@ -375,6 +375,8 @@ class FlightLog:
     """(n, 3) m/s NED, where the air moves to; the autopilot's estimate."""
     vibration: Series | None = None
     """(n, 3) m/s^2."""
+    gps_fix: Series | None = None
+    """(n, 1) GPS_FIX_TYPE of the first receiver: 0 none, 1 no fix, 2 without height, 3 and above a place in space."""
 
     armed: tuple[Interval, ...] = ()
     modes: tuple[Interval, ...] = ()

@@ -119,6 +119,7 @@ _TABLE = (
         "ESTIMATOR_STATUS", _US, build.estimator_status, SI("ratios", "vel_ratio pos_horiz_ratio", "", 1e6),
         Raw("flags"), SI("accuracy", "pos_horiz_accuracy", "m", 1e6),
     ),
+    Layout("GPS_RAW_INT", _US, None, Raw("fix_type")),
     Layout("STATUSTEXT", None, None, Raw("severity"), Raw("text")),
 )  # fmt: skip
 

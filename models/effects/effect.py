@@ -154,6 +154,8 @@ class Context:
     """Probability that the thrust changed by command, and not only in response to disturbances (``delays.py``)."""
     accelerometer: bool = True
     """Whether the specific force was measured, and not computed from the velocity."""
+    open_sky: bool = False
+    """Whether satellites gave a place: the vehicle flew outdoors, where some wind blows on most days."""
     judged_s: tuple[float, float] | None = None
     """First and last time of a record that is judged, in the air; None: all of it."""
 
@@ -302,6 +304,12 @@ class Context:
         if self.vehicle.telemetered:
             return speeds
         return outputs
+
+    def if_outdoors(self, outdoors: float, elsewhere: float) -> float:
+        """One of two numbers: where satellites were received, or where nothing says that the flight was outdoors."""
+        if self.open_sky:
+            return outdoors
+        return elsewhere
 
     def if_commanded(self, chance: float) -> float:
         """The chance of an effect that shows in commanded changes of the thrust only: others pass for it."""

@@ -25,6 +25,9 @@ from models.effects.effect import (
 )
 from models.effects.pictures import compass, force_words, mean, over
 
+WINDY_DAYS = 0.8
+"""Share of the time in which air outdoors moves by more than 1 m/s, 10 m up: a Rayleigh distribution about 2.5 m/s has
+0.88, the lower air is calmer (Manwell, McGowan & Rogers 2009, Wind Energy Explained, 2.4)."""
 LEAST_DRAG = 0.02
 """Share of momentum theory's drag below which no rotor's is: by less, a force would be a storm."""
 
@@ -149,7 +152,7 @@ EFFECT = Effect(
     ),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
-    chance=0.05,
+    chance=lambda ctx: ctx.if_outdoors(WINDY_DAYS, elsewhere=0.05),
     contains=("rotor_drag",),
     stays=_drag_alone,
     shown=Shown(

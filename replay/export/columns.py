@@ -121,6 +121,9 @@ def recorded(log: FlightLog) -> Iterator[Column]:
     yield from _spread("wind", log.wind, wind, "m/s", "where the air moves to, NED, as estimated")
     vibration = [f"vibration_{c}_m_s2" for c in "xyz"]
     yield from _spread("vibration", log.vibration, vibration, "m/s^2", "vibration level")
+    yield from _spread(
+        "gps_fix", log.gps_fix, ["gps_fix"], "1", "GPS_FIX_TYPE, 3 and above: a place"
+    )
     yield from _state("armed", log.armed, "1 while armed", ends=True)
     yield from _state("mode", log.modes, "custom_mode of HEARTBEAT")
     yield from _state("landed_state", log.landed, "MAV_LANDED_STATE")

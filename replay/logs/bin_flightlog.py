@@ -102,6 +102,7 @@ def flightlog(data: Dataflash) -> FlightLog:
     armed = _armed(data, start, end)
     parameters, changes = in_force(data.parameters(), take_off(armed))
     vibration = _of(data.of("VIBE"), "IMU")
+    gps = _of(data.of("GPS"), "I")
     modes = data.of("MODE")
     return FlightLog(
         path=data.path,
@@ -123,6 +124,7 @@ def flightlog(data: Dataflash) -> FlightLog:
         stated=_stated(data, lanes, parameters),
         thrust_command=_thrust(data.of("CTUN")),
         attitude_target=_angles(data.of("ATT"), "DesRoll", "DesPitch", "DesYaw"),
+        gps_fix=gps.series(gps.column("Status")),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
         armed=armed,
         modes=runs(modes.t_s, _whole(modes, "ModeNum" if "ModeNum" in modes else "Mode", 0), end),

@@ -110,6 +110,7 @@ class _Boot:
         command = self._table("SET_ATTITUDE_TARGET", foreign=True)
         command = command.where(np.isin(command["target_system"], (0, self._choice.system)))
         vibration = self._autopilot("VIBRATION")
+        gps = self._autopilot("GPS_RAW_INT")
         landed = self._autopilot("EXTENDED_SYS_STATE")
         landed = landed.where(landed["landed_state"] > 0)
         servos = self._servos()
@@ -145,6 +146,7 @@ class _Boot:
             commands=command.series(np.hstack([unflipped(command["q"]), command["thrust"]])),
             wind=self._wind(),
             vibration=vibration.series(vibration["level"]),
+            gps_fix=gps.series(gps["fix_type"].astype(float)),
             armed=tuple(i for i in armed if i.value),
             modes=runs(beats.t_s, beats["custom_mode"], end),
             landed=runs(landed.t_s, landed["landed_state"], end),

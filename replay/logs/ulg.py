@@ -86,6 +86,7 @@ _TOPICS = [
     "actuator_motors",
     "sensor_baro",
     "vehicle_acceleration",
+    "vehicle_gps_position",
 ]
 
 
@@ -221,6 +222,7 @@ class _Reader:
         status = self._first("vehicle_status")
         attitude = self._first("vehicle_attitude")
         setpoint = self._first("vehicle_attitude_setpoint")
+        gps = self._first("vehicle_gps_position")
         landed = self._first("vehicle_land_detected")
         armed = status.column("arming_state") == _ARMED
         states = np.nan_to_num(status.column("nav_state")).astype(int).tolist()
@@ -253,6 +255,7 @@ class _Reader:
             thrust_command=setpoint.series(-setpoint.columns("thrust_body[2]")),
             attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
+            gps_fix=gps.series(gps.column("fix_type")),
             armed=on,
             modes=runs(status.t_s, np.array(modes), end),
             landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),

@@ -29,6 +29,9 @@ _ALONE = (
 )
 """Columns that are channels by the same name."""
 
+_FIX_IN_SPACE = 3
+"""GPS_FIX_TYPE from which the satellites give height, too."""
+
 
 def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> dict[str, Array]:
     """``rpm`` (n, rotors) and ``servo_us`` (n, 16) of ``AirState``, taken ``late_s`` later than stamped."""
@@ -141,3 +144,10 @@ def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
         out |= dict(zip(columns, getattr(state, field).T, strict=True))
     out |= {name: getattr(state, name) for name in _ALONE}
     return {name: values for name, values in out.items() if np.isfinite(values).mean() > 0.3}
+
+
+def under_open_sky(log: FlightLog) -> bool:
+    """Whether satellites gave a place in space most of the time."""
+    if log.gps_fix is None:
+        return False
+    return bool(np.median(log.gps_fix.values) >= _FIX_IN_SPACE)

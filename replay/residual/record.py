@@ -28,6 +28,7 @@ from replay.residual.log_state import (
     neutral_servos,
     raw_state,
     rotor_columns,
+    under_open_sky,
 )
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Trajectory, judged_axes, read_motion
 from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
@@ -178,6 +179,7 @@ def build_record(
             clock_moved_s=max(rotors.correction_s, 0.0),
             commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
             accelerometer=not derived,
+            open_sky=under_open_sky(log),
             judged_s=(float(airborne_s[0]), float(airborne_s[-1])) if len(airborne_s) else None,
         ),
         residual=residual,
