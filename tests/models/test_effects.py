@@ -367,6 +367,12 @@ def test_thrust_that_only_answers_disturbances_shows_no_current(ctx: Context) ->
     assert ohmic.spread(replace(outputs, commanded=0.0)) < 0.01
 
 
+def test_outdoors_some_wind_is_the_rule(ctx: Context) -> None:
+    wind = get("wind")
+    assert wind.log_odds(ctx) < -2.0
+    assert wind.log_odds(replace(ctx, open_sky=True)) > 1.0
+
+
 def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:
     servo = np.full_like(ctx.state.servo_us, 1500.0)
     vane = ctx.vehicle.vanes[0]

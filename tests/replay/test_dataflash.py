@@ -91,6 +91,8 @@ def test_a_log_whose_only_clock_is_that_of_gps(gps_time, tmp_path):
     assert log.thrust_command.values[0, 0] == pytest.approx(0.48)
     assert log.servo is not None
     assert log.servo.values[0, :4].tolist() == [1500, 1510, 1520, 1530]
+    assert log.gps_fix is not None
+    assert set(log.gps_fix.values[:, 0].tolist()) == {3.0}
     (clock,) = [source for source in log.sources if source.quantity == "clock"]
     assert "GPS" in clock.chosen
 

@@ -16,6 +16,7 @@ from models.common.errors import LogError
 from replay.flightlog import Series, direction_name
 from replay.logs.columns import smallest_step, tidy, unflipped
 from replay.logs.formats import load
+from replay.residual.log_state import under_open_sky
 
 
 def logs_of(tmp_path, messages, **options):
@@ -205,6 +206,24 @@ def test_clipping_counted_by_the_autopilot_and_seen(tmp_path):
     (log,) = logs_of(tmp_path, sorted([*flight(2.0), *shakes]))
     assert log.imus[0].clipped == 57
     assert log.vibration.values[0].tolist() == [1, 1, 40]
+
+
+@pytest.mark.parametrize(("fix", "outdoors"), [(1, False), (3, True), (6, True)])
+def test_outdoors_is_where_satellites_give_a_place(fix, outdoors, tmp_path):
+    fixes = []
+    for k in range(10):
+        stamp_us = 40_000_000 + 200_000 * k
+        message = mavlink.MAVLink_gps_raw_int_message(stamp_us, fix, 0, 0, 0, 100, 100, 0, 0, 9)
+        fixes.append((EPOCH_US + 200_000 * k, frame(message)))
+    (log,) = logs_of(tmp_path, sorted([*flight(2.0), *fixes]))
+    assert log.gps_fix.values[:, 0].tolist() == [fix] * 10
+    assert under_open_sky(log) is outdoors
+
+
+def test_without_satellites_nothing_says_outdoors(tmp_path):
+    (log,) = logs_of(tmp_path, flight(2.0))
+    assert log.gps_fix is None
+    assert not under_open_sky(log)
 
 
 def test_raw_imu_is_seen_to_be_quantised_and_comes_second(tmp_path):
