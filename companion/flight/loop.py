@@ -7,7 +7,6 @@ from typing import Any
 
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.control.state import Decision
 from companion.flight.hand_over import HandOver
 from companion.flight.housekeeping import Housekeeping
 from companion.flight.latency import Latencies
@@ -28,6 +27,7 @@ from companion.mavlink.wire_frames import Frame
 from companion.page.snapshot import snapshot
 from companion.pipeline import answer, initial_state, ready_to_leave, stopped
 from companion.settle import settle
+from companion.state.decision import Decision
 from companion.telemetry.summary import Summary
 
 _PERIOD_S = 0.02
@@ -128,7 +128,7 @@ class Flight:
             self.stop()
         if self._stop_s is None:
             return False
-        if not self._state.stopping:
+        if not self._state.requests.stopping:
             self._state = stopped(self._state)
         return self._hurried or ready_to_leave(self._state) or now_s - self._stop_s > _STOP_S
 
@@ -220,10 +220,10 @@ class Flight:
             self._housekeeping.hear_heartbeat()
             self._outbox.identify()
             self._requests.connect(stack_of(sample))
-        elif isinstance(sample, SetPositionTarget) and self._state.hold is not None:
+        elif isinstance(sample, SetPositionTarget) and self._state.held.hold is not None:
             self._note_target(sample.target_component)
         if self._config.survey is not None:
-            self.pilot.hear_survey(self._state.survey)
+            self.pilot.hear_survey(self._state.requests.survey)
 
     def _note_target(self, component: int) -> None:
         if component not in (0, OWN_COMPONENT):
@@ -300,5 +300,5 @@ class Flight:
             "set_back": dict(streams.set_back),
         }
         if self._config.survey is not None:
-            out["survey"] = self._state.survey.as_json()
+            out["survey"] = self._state.requests.survey.as_json()
         return out | self.summary.as_json()

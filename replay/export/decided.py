@@ -15,9 +15,9 @@ from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.compensation import Offset
 from companion.control.position_hold import BaseSetpoint
-from companion.control.state import Decision
 from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen, Surface
+from companion.state.decision import Decision
 from replay.export.columns import Column
 from replay.rerun.report import play
 

@@ -19,11 +19,11 @@ from lockstep_faults import FaultyLockstep
 
 from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
-from companion.control.state import Decision
 from companion.sim.autopilot import Mode
 from companion.sim.flight import SimulatedFlight
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
+from companion.state.decision import Decision
 from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder, Vehicle
 

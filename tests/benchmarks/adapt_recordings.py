@@ -27,7 +27,7 @@ from companion.adaptation import adapt
 from companion.adaptation.adapt import Adaptation
 from companion.adaptation.residual import BlockResidual
 from companion.config import PipelineConfig
-from companion.control.state import Decision
+from companion.state.decision import Decision
 from models.choice import NONE, choose
 from models.common.errors import UserError
 from models.vehicle import load_vehicle

@@ -179,15 +179,18 @@ def test_no_setpoint_waits_for_what_is_learned(tmp_path: Path):
     fly(low_hover(), config, 20.0, record=log)
     state, learned = initial_state(config), 0
     for sample in samples_of(log):
-        before = state.adaptation
+        before = state.learned.adaptation
         state, decision = answer(state, sample, config)
-        gathered = state.adaptation
+        gathered = state.learned.adaptation
         assert before is not None
         assert gathered is not None
         assert gathered.sizes is before.sizes
         assert gathered.judged is before.judged
         state = settle(state, sample, decision, config)
-        learned += state.adaptation is not None and state.adaptation.sizes is not before.sizes
+        learned += (
+            state.learned.adaptation is not None
+            and state.learned.adaptation.sizes is not before.sizes
+        )
     assert learned > 20
 
 
@@ -211,7 +214,7 @@ def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
 
 def test_off_measures_nothing():
     config = PipelineConfig(vehicle=VEHICLE, model=models.load())
-    assert initial_state(config).adaptation is None
+    assert initial_state(config).learned.adaptation is None
 
 
 def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
