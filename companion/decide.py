@@ -31,6 +31,7 @@ from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
 from companion.control.refusals import refusals, upstream_silent
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
+from companion.estimation.height_drift import HeightDrift
 from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.firmware import (
     ThrustMap,
@@ -97,19 +98,12 @@ def decide(
     if reasons and not held_back:
         held = _keep_balance(held, state.estimates.rows, before, offsets.applied, thrust, config)
     command: Command | None = None
-    hand_over = state.sending.hand_over
+    hand_over = None
     if held_back:
-        if held.hold is not None:
-            hand_over = _let_go(state, held.hold, held_back, t_s)
-            held = with_changes(held, hold=None, left=_left(held, held_back, t_s))
-        command = command_held_back(
-            state=state,
-            hand_over=hand_over,
-            held_back=held_back,
-            thrust=thrust,
-            config=config,
-            t_s=t_s,
-        )
+        held, hand_over = _ended(state, held, held_back, t_s)
+        command = command_held_back(state, hand_over, held_back, thrust, config, t_s)
+        if command is None:
+            hand_over = None
     elif base is not None:
         command = command_of(
             state=state,
@@ -120,8 +114,6 @@ def decide(
             config=config,
             t_s=t_s,
         )
-    if not held_back or command is None:
-        hand_over = None
     sending = with_changes(state.sending, offsets=offsets, decided_s=t_s, hand_over=hand_over)
     state = with_changes(state, held=held, sending=sending)
     return state, Decision(
@@ -291,13 +283,26 @@ def _base(
     return with_changes(held, hold=hold, wall_ahead=wall_ahead, left=None), base
 
 
-def _left(held: Held, held_back: set[Reason], t_s: float) -> tuple[Target, float] | None:
+def _ended(
+    state: PipelineState, held: Held, held_back: set[Reason], t_s: float
+) -> tuple[Held, HandOver | None]:
+    """Without a hold, and what goes on in its place."""
+    hold = held.hold
+    if hold is None:
+        return held, state.sending.hand_over
+    held = with_changes(held, hold=None, left=_left(hold, held.drift, held_back, t_s))
+    return held, _let_go(state, hold, held_back, t_s)
+
+
+def _left(
+    hold: Hold, drift: HeightDrift, held_back: set[Reason], t_s: float
+) -> tuple[Target, float] | None:
     """Where the hold that ends was to stay, unless others fly or the position is not to be believed."""
-    if held.hold is None or held_back & (NOT_OURS | {Reason.POSITION_UNTRUSTED}):
+    if held_back & (NOT_OURS | {Reason.POSITION_UNTRUSTED}):
         return None
-    target = settled_target(held.hold)
+    target = settled_target(hold)
     north, east, down = target.position
-    return with_changes(target, position=(north, east, down - held.drift.correction_m)), t_s
+    return with_changes(target, position=(north, east, down - drift.correction_m)), t_s
 
 
 def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, t_s: float) -> Hold:
