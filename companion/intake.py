@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from companion.adaptation import adapt
+from companion.adaptation import begin, gather
 from companion.adaptation.gates import Situation
 from companion.config import Base, PipelineConfig
 from companion.control import engagement, hover_thrust, swing_detector
@@ -46,7 +46,7 @@ _STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 
 def initial_state(config: PipelineConfig) -> PipelineState:
     """Nothing heard yet."""
-    learned = Learned(adaptation=adapt.initial(config))
+    learned = Learned(adaptation=begin.initial(config))
     return PipelineState(estimates=blank_estimates(config.vehicle), learned=learned)
 
 
@@ -125,7 +125,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             learned = with_changes(state.learned, hover=hover)
             return with_changes(state, t_s=now, stamped_s=stamped_s, learned=learned)
         case samples.Imu() if state.learned.adaptation is not None:
-            adaptation = adapt.hear(state.learned.adaptation, _situation(state), sample, config)
+            adaptation = gather.hear(state.learned.adaptation, _situation(state), sample, config)
             learned = with_changes(state.learned, adaptation=adaptation)
             return with_changes(state, learned=learned)
         case samples.LandedState():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from companion.adaptation.adapt import learn
+from companion.adaptation.learn import learn
 from companion.config import Base, PipelineConfig
 from companion.control import attitude_response, engagement, swing_detector
 from companion.control.attitude_response import AttitudeResponse

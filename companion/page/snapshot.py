@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
 from companion.estimation.surfaces import Surface
 from companion.mavlink.firmware import mode_name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.control.compensation import Offset
 from companion.control.plant import HoldTuning
 from companion.control.position_hold import BaseSetpoint

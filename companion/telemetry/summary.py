@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.control.reasons import Reason
 from companion.disturbance.records import Disturbance
 from companion.state.decision import Decision

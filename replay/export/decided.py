@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.adaptation import adapt
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation import begin
+from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
 from companion.control.compensation import Offset
 from companion.control.position_hold import BaseSetpoint
@@ -142,7 +142,7 @@ class Decisions:
             offset=Offset(),
             base=None,
             disturbance=None,
-            adaptation=adapt.initial(config),
+            adaptation=begin.initial(config),
         )
         for topic, said in _told(nothing, None):
             quantities = list(said)

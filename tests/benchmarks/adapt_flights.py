@@ -17,7 +17,7 @@ from typing import Any
 import simulators_path  # noqa: F401
 from lockstep_faults import FaultyLockstep
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
 from companion.sim.flight import SimulatedFlight
