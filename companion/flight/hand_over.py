@@ -55,6 +55,7 @@ class HandOver:
 
     def __init__(
         self,
+        *,
         config: PipelineConfig,
         link: Link,
         arrivals: Arrivals,

@@ -25,6 +25,7 @@ class Housekeeping:
 
     def __init__(
         self,
+        *,
         config: PipelineConfig,
         link: Link,
         arrivals: Arrivals,
