@@ -13,8 +13,9 @@ from models.common.lazy_exports import exports
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
-    from companion.control.state import Decision, PipelineState
     from companion.pipeline import initial_state, step
+    from companion.state.decision import Decision
+    from companion.state.pipeline_state import PipelineState
 
     __version__: str
 
@@ -22,8 +23,8 @@ __all__ = ["Decision", "PipelineConfig", "PipelineState", "initial_state", "step
 
 _HOMES = {
     "PipelineConfig": "companion.config",
-    "Decision": "companion.control.state",
-    "PipelineState": "companion.control.state",
+    "Decision": "companion.state.decision",
+    "PipelineState": "companion.state.pipeline_state",
     "initial_state": "companion.pipeline",
     "step": "companion.pipeline",
 }

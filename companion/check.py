@@ -20,7 +20,6 @@ from typing import Any
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parameter
 from companion.control.lateness import LATE_FADE_S
-from companion.control.state import PipelineState
 from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import (
@@ -37,6 +36,7 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Sample
 from companion.mavlink.wire_frames import V2, Counts, Frame, cut, walk
 from companion.pipeline import initial_state, step
+from companion.state.pipeline_state import PipelineState
 from models.common.errors import LogError
 from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder
@@ -157,15 +157,17 @@ class Listener:
     @property
     def flying(self) -> bool:
         """Armed and in the air."""
-        beat = self.state.heartbeat
-        return beat is not None and beat.armed and self.state.air.landed_state in (0, _IN_AIR)
+        beat = self.state.heard.heartbeat
+        return (
+            beat is not None and beat.armed and self.state.air.airborne.landed_state in (0, _IN_AIR)
+        )
 
     @property
     def hovering(self) -> bool:
         """In the air, neither climbing nor sinking."""
         places = self.samples[samples.LocalPosition]
         steady = bool(places) and abs(places[-1].velocity_ned[2]) < _CLIMB_M_S
-        return steady and self.flying and self.state.air.landed_state == _IN_AIR
+        return steady and self.flying and self.state.air.airborne.landed_state == _IN_AIR
 
 
 def read_log(path: Path, listener: Listener) -> None:
@@ -189,7 +191,7 @@ def read_log(path: Path, listener: Listener) -> None:
 def items(heard: Listener, setup: CheckSetup) -> list[Item]:
     """Everything that was looked at, in the order of the table."""
     out = [*_vehicle_file(setup), *_autopilot(heard, setup)]
-    if heard.state.heartbeat is not None:
+    if heard.state.heard.heartbeat is not None:
         checks = (_parameters, _rates, _ranges, _rotors, _hover, _position, _clock)
         out += [item for check in checks for item in check(heard, setup)]
     return [*out, *_signing(heard, setup), *_record(setup)]
@@ -247,7 +249,7 @@ def _vehicle_file(setup: CheckSetup) -> Iterator[Item]:
 
 
 def _autopilot(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
-    beat = heard.state.heartbeat
+    beat = heard.state.heard.heartbeat
     if beat is None:
         if heard.frames:
             what = f"{heard.frames} messages but no HEARTBEAT of an autopilot"
@@ -276,14 +278,14 @@ def _autopilot(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         who = ", ".join(map(str, sorted(heard.intake.others)))
         yield Item("other autopilots", _WARN, f"also on the link: system {who}", "--target-system")
     attitude = setup.config.carrier is Carrier.ATTITUDE
-    if attitude and thrust_meaning(beat, heard.state.parameters) is ThrustMeaning.IGNORED:
+    if attitude and thrust_meaning(beat, heard.state.heard.parameters) is ThrustMeaning.IGNORED:
         text = f"MAV_TYPE {beat.vehicle_type}: PX4 ignores its thrust"
         yield Item("vehicle type", _FAIL, text, "set MAV_TYPE to 2 (quad)")
 
 
 def _parameters(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
-    beat = heard.state.heartbeat
-    known = heard.state.parameters
+    beat = heard.state.heard.heartbeat
+    known = heard.state.heard.parameters
     assert beat is not None
     stack = stack_of(beat)
     if stack is Stack.ARDUPILOT and setup.config.carrier is Carrier.ATTITUDE:
@@ -513,13 +515,13 @@ def _rotors(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
 
 
 def _hover(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
-    hover = heard.state.hover
+    hover = heard.state.learned.hover
     declared = setup.config.vehicle.hover_thrust
     flown = hover.seconds >= LEARNED_S
     if flown:
         theirs = hover.learned
     else:
-        theirs = hover_parameter(heard.state.parameters)
+        theirs = hover_parameter(heard.state.heard.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
         text = (
             f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the vehicle "

@@ -248,7 +248,14 @@ def _preflight(a: argparse.Namespace) -> int:
             )
             if not a.quiet and sys.stderr.isatty():
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
-            Flight(config, link, None, listener, arrivals, options).run()
+            flight = Flight(
+                config=config,
+                link=link,
+                recorder=listener,
+                arrivals=arrivals,
+                options=options,
+            )
+            flight.run()
     if a.vehicle is None:
         name = "default vehicle"
     else:
@@ -315,7 +322,14 @@ def _fly(a: argparse.Namespace) -> int:
         if not a.quiet:
             for line in filter(None, notes):
                 print(f"companion: {line}", file=sys.stderr)
-        flight = Flight(config, link, upstream, recorder, arrivals, options)
+        flight = Flight(
+            config=config,
+            link=link,
+            upstream=upstream,
+            recorder=recorder,
+            arrivals=arrivals,
+            options=options,
+        )
         if sim is not None and a.duration is None:
             from companion.sim.process import follow
 

@@ -13,6 +13,7 @@ from companion.control.compensation import Offset, Offsets, fade, slewed, wanted
 from companion.control.hand_over import (
     HAND_OVER_S,
     NOT_OURS,
+    HandOver,
     begin_hand_over,
 )
 from companion.control.lateness import LATE_STOP_S, lateness
@@ -28,9 +29,9 @@ from companion.control.position_hold import (
 from companion.control.position_target import Target
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
 from companion.control.refusals import refusals, upstream_silent
-from companion.control.state import Decision, PipelineState
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
+from companion.estimation.height_drift import HeightDrift
 from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.firmware import (
     ThrustMap,
@@ -39,8 +40,11 @@ from companion.mavlink.firmware import (
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import Command
 from companion.settle import retuned
+from companion.state.decision import Decision
+from companion.state.held import Held
+from companion.state.pipeline_state import PipelineState
 from companion.surroundings import DISTURBANCE_PERIOD_S, renew_disturbance
-from models.common.frames import GRAVITY
+from models.common.frames import GRAVITY, Rows
 from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3
 
@@ -62,70 +66,68 @@ def calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCon
         return False
     if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
         return False
-    return not 0.0 <= sample.t_s - state.decided_s < _SHORTEST_PERIOD_S
+    return not 0.0 <= sample.t_s - state.sending.decided_s < _SHORTEST_PERIOD_S
 
 
 def decide(
     state: PipelineState, t_s: float, config: PipelineConfig
 ) -> tuple[PipelineState, Decision]:
     """The disturbance, what forbids an offset, the base, the offset, and the command of both."""
-    dt = min(max(t_s - state.decided_s, 0.0), 0.1)
-    if not 0.0 <= t_s - state.disturbance_s <= 2.0 * DISTURBANCE_PERIOD_S:
+    dt = min(max(t_s - state.sending.decided_s, 0.0), 0.1)
+    if not 0.0 <= t_s - state.air.disturbance_s <= 2.0 * DISTURBANCE_PERIOD_S:
         state = renew_disturbance(state, t_s, config)
     late_s = lateness(state.estimates, config)
-    if late_s > LATE_STOP_S:
-        late_since_s = min(state.late_since_s, t_s)
-    else:
-        late_since_s = math.inf
-    state = _airborne(state, config, t_s, late_since_s)
-    if state.tuned is None:
+    state = _watched(state, late_s, t_s, config)
+    if state.plant.tuned is None:
         state = retuned(state, config, t_s)
     thrust = thrust_map_of(state, config)
     reasons = refusals(state, config, t_s)
     held_back = {reason for reason in reasons if reason in HOLDS_BACK_EVERYTHING}
 
-    had_hold = state.hold is not None
-    state, base = _base(state, bool(held_back), thrust, config, t_s)
-    before = state.offsets.applied
-    state = with_changes(
-        state,
-        offsets=_offsets(
-            state=state,
-            base=base,
-            reasons=reasons,
-            held_back=bool(held_back),
-            thrust=thrust,
-            config=config,
-            dt_s=dt,
-        ),
+    before = state.sending.offsets.applied
+    held, base = _base(state, bool(held_back), thrust, config, t_s)
+    offsets = _offsets(
+        state=state,
+        base=base,
+        reasons=reasons,
+        held_back=bool(held_back),
+        thrust=thrust,
+        config=config,
+        dt_s=dt,
     )
-    applied = state.offsets.applied
     if reasons and not held_back:
-        state = _keep_balance(state, before, applied, thrust, config)
+        held = _keep_balance(held, state.estimates.rows, before, offsets.applied, thrust, config)
     command: Command | None = None
     hand_over = None
     if held_back:
-        if had_hold:
-            state = _let_go(with_changes(state, left=_left(state, held_back, t_s)), held_back, t_s)
-        command = command_held_back(state, held_back, thrust, config, t_s)
-        if command is not None:
-            hand_over = state.hand_over
+        held, hand_over = _ended(state, held, held_back, t_s)
+        command = command_held_back(state, hand_over, held_back, thrust, config, t_s)
+        if command is None:
+            hand_over = None
     elif base is not None:
-        command = command_of(state, base, applied, thrust, config, t_s)
-    hold = None if held_back else state.hold
-    state = with_changes(state, decided_s=t_s, hold=hold, hand_over=hand_over)
+        command = command_of(
+            state=state,
+            hold=held.hold,
+            base=base,
+            offset=offsets.applied,
+            thrust=thrust,
+            config=config,
+            t_s=t_s,
+        )
+    sending = with_changes(state.sending, offsets=offsets, decided_s=t_s, hand_over=hand_over)
+    state = with_changes(state, held=held, sending=sending)
     return state, Decision(
         t_s=t_s,
         command=command,
         reasons=reasons,
-        authority=state.offsets.authority,
-        offset=applied,
+        authority=offsets.authority,
+        offset=offsets.applied,
         base=base,
-        disturbance=state.disturbance,
+        disturbance=state.air.disturbance,
         late_s=late_s,
-        tuned=state.tuned if config.base is Base.HOLD else None,
+        tuned=state.plant.tuned if config.base is Base.HOLD else None,
         notice=state.notice,
-        adaptation=state.adaptation,
+        adaptation=state.learned.adaptation,
     )
 
 
@@ -139,8 +141,8 @@ def _offsets(
     dt_s: float,
 ) -> Offsets:
     """The offset to apply, one step on."""
-    old = state.offsets
-    disturbance = state.disturbance
+    old = state.sending.offsets
+    disturbance = state.air.disturbance
     rows = state.estimates.rows
     usable = disturbance is not None and not reasons
     wanted = old.wanted
@@ -181,53 +183,62 @@ def _offsets(
     return Offsets(authority, offset, wanted, applied, washout)
 
 
-def _airborne(
-    state: PipelineState, config: PipelineConfig, t_s: float, late_since_s: float
+def _watched(
+    state: PipelineState, late_s: float, t_s: float, config: PipelineConfig
 ) -> PipelineState:
     """Whether the vehicle flies, and since when its telemetry is late."""
+    heard = state.heard
     position = state.estimates.position
     vehicle = config.vehicle
     notice = state.notice
-    air = landed.watch(
-        state.air,
-        state.disturbance,
+    airborne = landed.watch(
+        state.air.airborne,
+        state.air.disturbance,
         vehicle.mass_kg * GRAVITY,
         t_s,
         telemetered=vehicle.telemetered,
-        holding=state.hold is not None,
+        holding=state.held.hold is not None,
     )
-    if air.overruled and (notice is None or notice[0] is not Notice.LANDED_OVERRULED):
+    if airborne.overruled and (notice is None or notice[0] is not Notice.LANDED_OVERRULED):
         notice = (Notice.LANDED_OVERRULED, t_s)
     if position is None:
         climb = None
     else:
         climb = position.velocity_ned[2]
-    seen = engagement.watch_take_off(state.engagement, t_s, climb, air)
-    return with_changes(state, air=air, engagement=seen, notice=notice, late_since_s=late_since_s)
+    seen = engagement.watch_take_off(heard.engagement, t_s, climb, airborne)
+    if late_s > LATE_STOP_S:
+        late_since_s = min(heard.late_since_s, t_s)
+    else:
+        late_since_s = math.inf
+    if seen is not heard.engagement or late_since_s != heard.late_since_s:
+        heard = with_changes(heard, engagement=seen, late_since_s=late_since_s)
+    air = with_changes(state.air, airborne=airborne)
+    return with_changes(state, heard=heard, air=air, notice=notice)
 
 
 def _base(
     state: PipelineState, held_back: bool, thrust: ThrustMap, config: PipelineConfig, t_s: float
-) -> tuple[PipelineState, BaseSetpoint | None]:
-    """The setpoint that the offset is added to, and the hold one step on."""
+) -> tuple[Held, BaseSetpoint | None]:
+    """The hold one step on, and the setpoint that the offset is added to."""
+    held = state.held
     if config.base is Base.UPSTREAM:
-        upstream = state.upstream
+        upstream = state.requests.upstream
         if upstream is None:
-            return state, None
-        return state, BaseSetpoint(math.nan, math.nan, math.nan, upstream.thrust)
+            return held, None
+        return held, BaseSetpoint(math.nan, math.nan, math.nan, upstream.thrust)
     estimates = state.estimates
     if estimates.attitude is None or estimates.position is None or estimates.rows is None:
-        return state, None
+        return held, None
     if held_back:
         # Nothing flies, but the thrust it would ask for lets the report say what the offset would be.
-        return state, BaseSetpoint(math.nan, math.nan, math.nan, thrust.hover)
+        return held, BaseSetpoint(math.nan, math.nan, math.nan, thrust.hover)
     (north, _, x), (east, _, y), (_, _, z) = estimates.rows
     yaw = math.atan2(east, north)
     position = estimates.position
-    authority = state.offsets.authority
-    offset = state.offsets.offset
-    seen = state.disturbance
-    wall_ahead = watch_wall(state.wall_ahead, seen, position.velocity_ned, t_s)
+    authority = state.sending.offsets.authority
+    offset = state.sending.offsets.offset
+    seen = state.air.disturbance
+    wall_ahead = watch_wall(held.wall_ahead, seen, position.velocity_ned, t_s)
     near_m = _NEAR_RADII * config.vehicle.rotor_radius_m
     clear_of_wall = seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > near_m
     pushed = _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw)
@@ -240,18 +251,20 @@ def _base(
         offset=pushed,
         wall=wall_ahead,
         clear=clear_of_wall,
-        balance=state.balance.acceleration,
+        balance=state.learned.balance.acceleration,
     )
-    assert state.tuned is not None
-    gains = state.tuned.gains
-    hold = state.hold
+    assert state.plant.tuned is not None
+    gains = state.plant.tuned.gains
+    hold = held.hold
     if hold is None:
-        fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
+        fresh = t_s - state.learned.hover.now_s < hover_thrust.HEARD_AGE_S
         if fresh:
-            thrust_now = state.hover.now
+            thrust_now = state.learned.hover.now
         else:
             thrust_now = thrust.hover
-        balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
+        balance = engagement.watch_balance(
+            state.learned.balance, t_s, motion.velocity, motion.body_down
+        )
         vehicle = config.vehicle
         drag = (
             drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
@@ -265,18 +278,31 @@ def _base(
             lag_s=gains.lag_s,
             drag_1_s=drag,
         )
-        hold = _returned(hold, state.left, motion.position, t_s)
+        hold = _returned(hold, held.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return with_changes(state, hold=hold, wall_ahead=wall_ahead, left=None), base
+    return with_changes(held, hold=hold, wall_ahead=wall_ahead, left=None), base
 
 
-def _left(state: PipelineState, held_back: set[Reason], t_s: float) -> tuple[Target, float] | None:
+def _ended(
+    state: PipelineState, held: Held, held_back: set[Reason], t_s: float
+) -> tuple[Held, HandOver | None]:
+    """Without a hold, and what goes on in its place."""
+    hold = held.hold
+    if hold is None:
+        return held, state.sending.hand_over
+    held = with_changes(held, hold=None, left=_left(hold, held.drift, held_back, t_s))
+    return held, _let_go(state, hold, held_back, t_s)
+
+
+def _left(
+    hold: Hold, drift: HeightDrift, held_back: set[Reason], t_s: float
+) -> tuple[Target, float] | None:
     """Where the hold that ends was to stay, unless others fly or the position is not to be believed."""
-    if state.hold is None or held_back & (NOT_OURS | {Reason.POSITION_UNTRUSTED}):
+    if held_back & (NOT_OURS | {Reason.POSITION_UNTRUSTED}):
         return None
-    target = settled_target(state.hold)
+    target = settled_target(hold)
     north, east, down = target.position
-    return with_changes(target, position=(north, east, down - state.drift.correction_m)), t_s
+    return with_changes(target, position=(north, east, down - drift.correction_m)), t_s
 
 
 def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, t_s: float) -> Hold:
@@ -300,34 +326,42 @@ def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, f
 
 
 def _keep_balance(
-    state: PipelineState, before: Offset, after: Offset, thrust: ThrustMap, config: PipelineConfig
-) -> PipelineState:
+    held: Held,
+    rows: Rows | None,
+    before: Offset,
+    after: Offset,
+    thrust: ThrustMap,
+    config: PipelineConfig,
+) -> Held:
     """What an offset that fades out balanced, the hold balances from here on: the air did not change with the input."""
-    hold = state.hold
-    rows = state.estimates.rows
     lost = before.thrust - after.thrust
     roll = before.roll - after.roll
     pitch = before.pitch - after.pitch
     if (
-        hold is None
+        held.hold is None
         or rows is None
         or config.carrier is not Carrier.ATTITUDE
         or lost == roll == pitch == 0.0
     ):
-        return state
+        return held
     north, east = _level_acceleration(roll, pitch, math.atan2(rows[1][0], rows[0][0]))
     down = -lost * thrust.slope * GRAVITY
-    return with_changes(state, hold=balanced(hold, (north, east, down)))
+    return with_changes(held, hold=balanced(held.hold, (north, east, down)))
 
 
-def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> PipelineState:
-    assert state.hold is not None
-    if state.last is None or not 0.0 <= t_s - state.decided_s <= HAND_OVER_S:
-        return state  # after a gap the autopilot has long let go of what was sent last
-    places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
-    return with_changes(
-        state,
-        hand_over=begin_hand_over(
-            state.last, held_back, t_s, places, hand_over_place(state, state.hold)
-        ),
+def _let_go(
+    state: PipelineState, hold: Hold, held_back: set[Reason], t_s: float
+) -> HandOver | None:
+    """What goes on in place of a hold that ends."""
+    sending = state.sending
+    if sending.last is None or not 0.0 <= t_s - sending.decided_s <= HAND_OVER_S:
+        return sending.hand_over  # after a gap the autopilot has long let go of what was sent last
+    heartbeat = state.heard.heartbeat
+    places = heartbeat is not None and mode_name(heartbeat) != "GUIDED_NOGPS"
+    return begin_hand_over(
+        last=sending.last,
+        refusals=held_back,
+        t_s=t_s,
+        listens_to_places=places,
+        place=hand_over_place(state, hold),
     )

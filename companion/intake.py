@@ -7,19 +7,16 @@ import math
 
 import numpy as np
 
-from companion.adaptation import adapt
+from companion.adaptation import begin, gather
 from companion.adaptation.gates import Situation
 from companion.config import Base, PipelineConfig
 from companion.control import engagement, hover_thrust, swing_detector
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.plant import hear_position
-from companion.control.position_hold import (
-    shifted,
-)
+from companion.control.position_hold import shifted
 from companion.control.position_target import read_target
 from companion.control.reasons import Notice
-from companion.control.state import PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall
 from companion.estimation import estimator as est
@@ -31,7 +28,10 @@ from companion.mavlink.firmware import (
     stack_of,
     takes_setpoints,
 )
-from companion.mavlink.samples import Sample
+from companion.mavlink.samples import Heartbeat, Sample
+from companion.state.learned import Learned
+from companion.state.pipeline_state import PipelineState
+from companion.state.requests import Requests
 from companion.surroundings import DISTURBANCE_PERIOD_S, compare_ranges, renew_disturbance
 from companion.survey_box import SurveyBox
 from models.common.frozen_copy import with_changes
@@ -46,9 +46,8 @@ _STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 
 def initial_state(config: PipelineConfig) -> PipelineState:
     """Nothing heard yet."""
-    return PipelineState(
-        estimates=blank_estimates(config.vehicle), adaptation=adapt.initial(config)
-    )
+    learned = Learned(adaptation=begin.initial(config))
+    return PipelineState(estimates=blank_estimates(config.vehicle), learned=learned)
 
 
 def take_in(
@@ -59,12 +58,14 @@ def take_in(
     Stamps of the autopilot that go back by more than a second are a reboot: all that was known is forgotten, except the
     wish to stop. A gap is none: what was learned stays.
     """
-    if state.heartbeat is not None and state.t_s <= 0.0 < sample.t_s:
+    if state.t_s <= 0.0 < sample.t_s and state.heard.heartbeat is not None:
         # Heard before the first stamp, so at an unknown time, moments ago.
-        state = with_changes(state, heartbeat=dataclasses.replace(state.heartbeat, t_s=sample.t_s))
+        heartbeat = dataclasses.replace(state.heard.heartbeat, t_s=sample.t_s)
+        state = with_changes(state, heard=with_changes(state.heard, heartbeat=heartbeat))
     if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
-            state = with_changes(initial_state(config), stopping=state.stopping)
+            requests = Requests(stopping=state.requests.stopping)
+            state = with_changes(initial_state(config), requests=requests)
         newest = {
             samples.Attitude: state.estimates.attitude,
             samples.LocalPosition: state.estimates.position,
@@ -76,7 +77,7 @@ def take_in(
         state = _surveyed(state, sample, config, config.survey)
     if (
         isinstance(sample, samples.LocalPosition)
-        and sample.t_s - state.disturbance_s >= DISTURBANCE_PERIOD_S
+        and sample.t_s - state.air.disturbance_s >= DISTURBANCE_PERIOD_S
     ):
         state = compare_ranges(renew_disturbance(state, sample.t_s, config), config)
     return state, True
@@ -103,11 +104,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case samples.Heartbeat() if (
             sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT
         ):
-            seen = engagement.hear_heartbeat(state.engagement, sample)
-            if seen.mode != state.engagement.mode:
-                # Another mode, another beginning: a hold that swung under the last one may try again.
-                state = with_changes(state, swing=swing_detector.SwingDetector(), left=None)
-            return with_changes(state, t_s=now, heartbeat=sample, engagement=seen)
+            return _take_heartbeat(state, sample, now)
         case samples.Battery():
             return with_changes(state, t_s=now, estimates=with_changes(estimates, battery=sample))
         case samples.Pressure():
@@ -125,48 +122,69 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case samples.AttitudeTarget():
             stamped_s = max(state.stamped_s, sample.t_s)
             hover = _learned_hover(state, sample)
-            return with_changes(state, t_s=now, stamped_s=stamped_s, hover=hover)
-        case samples.Imu() if state.adaptation is not None:
-            here = Situation(
-                estimates,
-                state.disturbance,
-                state.disturbance_s,
-                state.air.since_s,
-                state.air.landed_state,
-            )
-            return with_changes(
-                state, adaptation=adapt.hear(state.adaptation, here, sample, config)
-            )
+            learned = with_changes(state.learned, hover=hover)
+            return with_changes(state, t_s=now, stamped_s=stamped_s, learned=learned)
+        case samples.Imu() if state.learned.adaptation is not None:
+            adaptation = gather.hear(state.learned.adaptation, _situation(state), sample, config)
+            learned = with_changes(state.learned, adaptation=adaptation)
+            return with_changes(state, learned=learned)
         case samples.LandedState():
-            return with_changes(
-                state, t_s=now, air=state.air._replace(landed_state=sample.landed_state)
-            )
+            airborne = state.air.airborne._replace(landed_state=sample.landed_state)
+            air = with_changes(state.air, airborne=airborne)
+            return with_changes(state, t_s=now, air=air)
         case _:
             return _take_request(state, sample, config)
+
+
+def _take_heartbeat(state: PipelineState, sample: Heartbeat, now_s: float) -> PipelineState:
+    seen = engagement.hear_heartbeat(state.heard.engagement, sample)
+    if seen.mode != state.heard.engagement.mode:
+        # Another mode, another beginning: a hold that swung under the last one may try again.
+        state = with_changes(
+            state,
+            plant=with_changes(state.plant, swing=swing_detector.SwingDetector()),
+            held=with_changes(state.held, left=None),
+        )
+    heard = with_changes(state.heard, heartbeat=sample, engagement=seen)
+    return with_changes(state, t_s=now_s, heard=heard)
+
+
+def _situation(state: PipelineState) -> Situation:
+    """What decides whether sizes may be learned now."""
+    air = state.air
+    return Situation(
+        estimates=state.estimates,
+        disturbance=air.disturbance,
+        disturbance_s=air.disturbance_s,
+        airborne_since_s=air.airborne.since_s,
+        landed_state=air.airborne.landed_state,
+    )
 
 
 def _take_position(
     state: PipelineState, sample: samples.LocalPosition, now_s: float
 ) -> PipelineState:
-    hold = state.hold
+    held = state.held
+    hold = held.hold
     drift = height_drift.NO_DRIFT
-    timing = hear_position(state.timing, sample.t_s, sample.late_s)
+    timing = hear_position(state.plant.timing, sample.t_s, sample.late_s)
     if hold is not None:
-        drift, sample = height_drift.hear(state.drift, sample)
+        drift, sample = height_drift.hear(held.drift, sample)
     estimates = est.take_position(state.estimates, sample)
     stamped_s = max(state.stamped_s, sample.t_s)
     reset = estimates.reset
     if hold is not None and reset is not None and reset.t_s == sample.t_s:
         # The autopilot set its position anew: the hold point moves with it, the vehicle itself did not move.
         hold = shifted(hold, reset.by_ned)
+    if drift is not held.drift or hold is not held.hold:
+        held = with_changes(held, drift=drift, hold=hold)
     return with_changes(
         state,
         t_s=now_s,
         stamped_s=stamped_s,
         estimates=estimates,
-        timing=timing,
-        drift=drift,
-        hold=hold,
+        plant=with_changes(state.plant, timing=timing),
+        held=held,
     )
 
 
@@ -174,13 +192,14 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
     """What others ask for: parameters' answers, targets for the hold, an upstream controller's setpoints."""
     match sample:
         case samples.Parameter():
-            return with_changes(state, parameters={**state.parameters, sample.name: sample.value})
+            parameters = {**state.heard.parameters, sample.name: sample.value}
+            return with_changes(state, heard=with_changes(state.heard, parameters=parameters))
         case samples.SetPositionTarget() if sample.target_component == OWN_COMPONENT:
             return _retarget(state, sample)
         case samples.SetAttitudeTarget() if (
             config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
         ):
-            return with_changes(state, upstream=sample)
+            return with_changes(state, requests=with_changes(state.requests, upstream=sample))
     return state
 
 
@@ -188,10 +207,12 @@ def _surveyed(
     state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox
 ) -> PipelineState:
     """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
+    requests = state.requests
     if isinstance(sample, samples.SetPositionTarget) and sample.target_component == OWN_COMPONENT:
-        return with_changes(state, survey=aborted(state.survey, "a target came from outside"))
+        survey = aborted(requests.survey, "a target came from outside")
+        return with_changes(state, requests=with_changes(requests, survey=survey))
     position = state.estimates.position
-    disturbance = state.disturbance
+    disturbance = state.air.disturbance
     if not isinstance(sample, samples.LocalPosition) or position is None:
         return state
     height = math.nan
@@ -209,14 +230,14 @@ def _surveyed(
         towards = level_wall(disturbance)
     seen = Whereabouts(
         t_s=sample.t_s,
-        engaged=state.hold is not None,
+        engaged=state.held.hold is not None,
         position=np.asarray(position.position_ned),
         height_m=height,
         wall_m=wall,
         towards=towards,
     )
-    survey, wanted = advance(state.survey, box, seen)
-    state = with_changes(state, survey=survey)
+    survey, wanted = advance(requests.survey, box, seen)
+    state = with_changes(state, requests=with_changes(requests, survey=survey))
     if wanted is None:
         return state
     return _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
@@ -226,32 +247,39 @@ def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> Pipeli
     """A target moves the hold that is engaged; one that came before is not kept."""
     position = state.estimates.position
     rows = state.estimates.rows
-    if state.hold is None or state.stopping or position is None or rows is None:
+    hold = state.held.hold
+    if hold is None or state.requests.stopping or position is None or rows is None:
         return state
     yaw = math.atan2(rows[1][0], rows[0][0])
-    target = read_target(sample, state.hold.target, position.position_ned, yaw)
+    target = read_target(sample, hold.target, position.position_ned, yaw)
     if target is None:
         return with_changes(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
-    return with_changes(state, hold=state.hold._replace(target=target))
+    held = with_changes(state.held, hold=hold._replace(target=target))
+    return with_changes(state, held=held)
 
 
 def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position = state.estimates.position
-    heartbeat = state.heartbeat
+    heartbeat = state.heard.heartbeat
     own = heartbeat is not None and (
         stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat)
     )
-    flying = own and state.hold is None and state.hand_over is None and state.upstream is None
+    flying = (
+        own
+        and state.held.hold is None
+        and state.sending.hand_over is None
+        and state.requests.upstream is None
+    )
     hovers = (
         flying
-        and state.air.since_s < sample.t_s - AIRBORNE_AFTER_S
-        and state.air.landed_state in (0, IN_AIR)
+        and state.air.airborne.since_s < sample.t_s - AIRBORNE_AFTER_S
+        and state.air.airborne.landed_state in (0, IN_AIR)
         and position is not None
         and abs(position.velocity_ned[2]) <= _HOVER_CLIMB_M_S
     )
     if not hovers:
-        return hover_thrust.heard(state.hover, sample.t_s, sample.thrust)
+        return hover_thrust.heard(state.learned.hover, sample.t_s, sample.thrust)
     return hover_thrust.learn(
-        state.hover, sample.t_s, sample.thrust, cushion=state.offsets.wanted.thrust
+        state.learned.hover, sample.t_s, sample.thrust, cushion=state.sending.offsets.wanted.thrust
     )

@@ -14,11 +14,12 @@ import math
 from companion.commands import MAX_THRUST, MIN_THRUST, hand_over_place, level_command
 from companion.config import PipelineConfig
 from companion.control.position_target import stay
-from companion.control.state import Decision, PipelineState
 from companion.decide import calls_for_decision, decide
 from companion.intake import initial_state, take_in
 from companion.mavlink.samples import Sample
 from companion.settle import settle
+from companion.state.decision import Decision
+from companion.state.pipeline_state import PipelineState
 from companion.surroundings import damping_1_s
 from models.common.frozen_copy import with_changes
 
@@ -38,21 +39,24 @@ __all__ = [
 
 def stopped(state: PipelineState) -> PipelineState:
     """Ask for the end: offsets fade, and the vehicle comes to rest where it is."""
-    if state.hold is None:
-        hold = None
-    else:
-        hold = state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
-    return with_changes(state, stopping=True, hold=hold)
+    requests = with_changes(state.requests, stopping=True)
+    held = state.held
+    hold = held.hold
+    if hold is not None:
+        rest = stay(hold.target.yaw, state.t_s)
+        held = with_changes(held, hold=hold._replace(target=rest))
+    return with_changes(state, requests=requests, held=held)
 
 
 def ready_to_leave(state: PipelineState) -> bool:
     """After ``stopped``: whether offsets are gone and the vehicle is at rest, or not ours."""
-    if state.offsets.authority > 0.0:
+    if state.sending.offsets.authority > 0.0:
         return False
     position = state.estimates.position
-    if state.hold is None or position is None:
-        return state.hand_over is None
-    moving = max(*map(abs, state.hold.reference.velocity), math.hypot(*position.velocity_ned))
+    hold = state.held.hold
+    if hold is None or position is None:
+        return state.sending.hand_over is None
+    moving = max(*map(abs, hold.reference.velocity), math.hypot(*position.velocity_ned))
     return moving < 0.1
 
 

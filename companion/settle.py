@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import math
 
-from companion.adaptation.adapt import learn
+from companion.adaptation.learn import learn
 from companion.config import Base, PipelineConfig
 from companion.control import attitude_response, engagement, swing_detector
-from companion.control.plant import Source, declared_loop, hear_attitude, tune
-from companion.control.position_hold import BaseSetpoint
+from companion.control.attitude_response import AttitudeResponse
+from companion.control.compensation import Offset
+from companion.control.plant import HoldTuning, Source, declared_loop, hear_attitude, tune
+from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.reasons import Notice
-from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command
+from companion.state.decision import Decision
+from companion.state.learned import Learned
+from companion.state.pipeline_state import PipelineState
+from companion.state.plant import Plant
+from models.common.frames import Rows
 from models.common.frozen_copy import with_changes
 
 _TUNE_PERIOD_S = 1.0
@@ -31,93 +37,115 @@ def settle(
 ) -> PipelineState:
     """Take an attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
     estimates = state.estimates
-    adaptation = state.adaptation
     if estimates.attitude is not sample:
         return state
-    if adaptation is not None and adaptation.full is not None:
-        state = with_changes(state, adaptation=learn(adaptation, config))
     t_s = sample.t_s
-    rows = estimates.rows
-    assert rows is not None
-    (_, _, x), (_, _, y), (sp, sr, z) = rows
-    timing = state.timing
-    balance = state.balance
-    response = state.response
-    timing = hear_attitude(timing, t_s)
-    if estimates.position is not None:
-        balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z))
-    if config.base is not Base.HOLD:
-        return with_changes(state, timing=timing, balance=balance)
-    if not config.dry_run:
-        response = attitude_response.hear_tilt(
-            response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0))
-        )
-    state = with_changes(state, timing=timing, balance=balance, response=response)
-    if decision is None:
-        return state
-    if state.hold is not None and decision.base is not None:  # it flies
-        state = _remember(state, decision.base, decision.command, config)
+    learned = _learned(state, t_s, config)
+    response = state.plant.response
+    if config.base is Base.HOLD and not config.dry_run:
+        assert estimates.rows is not None
+        response = _heard_tilt(response, t_s, estimates.rows)
+    timing = hear_attitude(state.plant.timing, t_s)
+    plant = with_changes(state.plant, timing=timing, response=response)
+    if decision is None or config.base is not Base.HOLD:
+        return with_changes(state, learned=learned, plant=plant)
+    hold = state.held.hold
+    sending = state.sending
+    notice = state.notice
+    if hold is not None and decision.base is not None:  # it flies
+        last = _sent(decision.base, decision.command, sending.offsets.applied)
+        sending = with_changes(sending, last=last)
         if not config.dry_run:
-            state = _watch_swing(state, decision.base, t_s)
+            plant = _answering(plant, last, decision.command)
+            level = plant.swing.level
+            plant = _watch_swing(plant, hold, decision.base, t_s)
+            if plant.swing.level != level:
+                notice = (Notice.SOFTENED, t_s)
+    state = with_changes(state, learned=learned, plant=plant, sending=sending, notice=notice)
     return retuned(state, config, t_s)
 
 
-def _remember(
-    state: PipelineState, base: BaseSetpoint, command: Command | None, config: PipelineConfig
-) -> PipelineState:
-    """What letting go begins with, and what the attitude is to answer to."""
+def _learned(state: PipelineState, t_s: float, config: PipelineConfig) -> Learned:
+    """Sizes and balance with the newest attitude taken in."""
+    learned = state.learned
+    adaptation = learned.adaptation
+    balance = learned.balance
+    position = state.estimates.position
+    rows = state.estimates.rows
+    assert rows is not None
+    if adaptation is not None and adaptation.full is not None:
+        adaptation = learn(adaptation, config)
+    if position is not None:
+        down = (rows[0][2], rows[1][2], rows[2][2])
+        balance = engagement.watch_balance(balance, t_s, position.velocity_ned, down)
+    return with_changes(learned, adaptation=adaptation, balance=balance)
+
+
+def _heard_tilt(response: AttitudeResponse, t_s: float, rows: Rows) -> AttitudeResponse:
+    """The measured tilt of an attitude."""
+    forward, right, down = rows[2]
+    roll = math.atan2(right, down)
+    pitch = -math.asin(min(max(forward, -1.0), 1.0))
+    return attitude_response.hear_tilt(response, t_s, roll, pitch)
+
+
+def _sent(base: BaseSetpoint, command: Command | None, applied: Offset) -> BaseSetpoint:
+    """What letting go begins with: the setpoint with its offset."""
     if not isinstance(command, AttitudeCommand):
-        return with_changes(state, last=base)
-    roll = base.roll + state.offsets.applied.roll
-    pitch = base.pitch + state.offsets.applied.pitch
-    state = with_changes(
-        state, last=BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
-    )
-    if config.dry_run:
-        return state
-    return with_changes(
-        state, response=attitude_response.sent(state.response, command.t_s, roll, pitch)
+        return base
+    return BaseSetpoint(
+        roll=base.roll + applied.roll,
+        pitch=base.pitch + applied.pitch,
+        yaw=base.yaw,
+        thrust=command.thrust,
+        acceleration=base.acceleration,
     )
 
 
-def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> PipelineState:
+def _answering(plant: Plant, sent: BaseSetpoint, command: Command | None) -> Plant:
+    """The tilt that the attitude is to answer to."""
+    if not isinstance(command, AttitudeCommand):
+        return plant
+    response = attitude_response.sent(plant.response, command.t_s, sent.roll, sent.pitch)
+    return with_changes(plant, response=response)
+
+
+def _watch_swing(plant: Plant, hold: Hold, base: BaseSetpoint, t_s: float) -> Plant:
     """A hold that swings by itself gets softer gains at once."""
-    assert state.hold is not None
-    (north, east, down), (x, y, z) = base.acceleration, state.hold.reference.acceleration
-    swing = swing_detector.watch(state.swing, t_s, (north - x, east - y, down - z))
-    if swing.level == state.swing.level:
-        return with_changes(state, swing=swing)
-    return with_changes(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
+    (north, east, down), (x, y, z) = base.acceleration, hold.reference.acceleration
+    swing = swing_detector.watch(plant.swing, t_s, (north - x, east - y, down - z))
+    if swing.level == plant.swing.level:
+        return with_changes(plant, swing=swing)
+    return with_changes(plant, swing=swing, tuned_s=-math.inf)
 
 
 def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
     """Gains for the plant as it is known now, once a second."""
-    if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not Base.HOLD:
+    plant = state.plant
+    if 0.0 <= t_s - plant.tuned_s < _TUNE_PERIOD_S or config.base is not Base.HOLD:
         return state
-    state = with_changes(state, swing=swing_detector.calmed(state.swing, t_s))
-    loop = attitude_response.measured_loop(state.response)
+    swing = swing_detector.calmed(plant.swing, t_s)
+    known = plant.loop
+    loop = attitude_response.measured_loop(plant.response)
     if loop is None:  # too little to see now: what was measured stays true
-        measured = state.loop.source is Source.MEASURED
-        if measured:
-            loop = state.loop
+        if known.source is Source.MEASURED:
+            loop = known
         else:
-            loop = declared_loop(stack_of(state.heartbeat), state.parameters)
-    elif state.loop.source is not Source.MEASURED:
+            loop = declared_loop(stack_of(state.heard.heartbeat), state.heard.parameters)
+    elif known.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
-        state = with_changes(state, swing=with_changes(state.swing, level=0))
-    if (
-        loop.source is state.loop.source
-        and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s
-    ):
-        loop = state.loop
-    softer = _SOFTER ** min(state.swing.level, swing_detector.SWING_LEVELS)
-    tuned = tune(loop, state.timing, softer)
-    soft = min(tuned.share, tuned.climb_share)
-    before = state.tuned
-    if (
-        state.swing.level == 0
-        and soft < _SLOW_SHARE
-        and (before is None or min(before.share, before.climb_share) >= _SLOW_SHARE)
-    ):
-        state = with_changes(state, notice=(Notice.SLOW_PLANT, t_s))
-    return with_changes(state, loop=loop, tuned=tuned, tuned_s=t_s)
+        swing = with_changes(swing, level=0)
+    if loop.source is known.source and abs(loop.lag_s - known.lag_s) < _OTHER_LAG * known.lag_s:
+        loop = known
+    softer = _SOFTER ** min(swing.level, swing_detector.SWING_LEVELS)
+    tuned = tune(loop, plant.timing, softer)
+    notice = state.notice
+    if swing.level == 0 and _is_slow(tuned) and (plant.tuned is None or not _is_slow(plant.tuned)):
+        notice = (Notice.SLOW_PLANT, t_s)
+    plant = with_changes(plant, swing=swing, loop=loop, tuned=tuned, tuned_s=t_s)
+    return with_changes(state, plant=plant, notice=notice)
+
+
+def _is_slow(tuned: HoldTuning) -> bool:
+    """Whether the gains are so soft that the pilot is told."""
+    return min(tuned.share, tuned.climb_share) < _SLOW_SHARE

@@ -7,12 +7,12 @@ import math
 from companion.config import Base, PipelineConfig
 from companion.control.plant import FULL
 from companion.control.reasons import Notice
-from companion.control.state import PipelineState
 from companion.disturbance.model import modelled_disturbance
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
+from companion.state.pipeline_state import PipelineState
 from models.common.frames import GRAVITY
 from models.common.frozen_copy import with_changes
 
@@ -29,11 +29,11 @@ def renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) 
     rotors = est.rotor_speeds(state.estimates, config, t_s)
     rows = state.estimates.rows
     if rotors is None or rows is None:
-        return with_changes(state, disturbance=None, disturbance_s=t_s)
-    if state.adaptation is None:
+        return with_changes(state, air=with_changes(state.air, disturbance=None, disturbance_s=t_s))
+    if state.learned.adaptation is None:
         correction = None
     else:
-        correction = state.adaptation.applied
+        correction = state.learned.adaptation.applied
     disturbance = modelled_disturbance(
         estimates=state.estimates,
         config=config,
@@ -43,30 +43,33 @@ def renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) 
         damping_1_s=damping_1_s(state, config),
         correction=correction,
     )
-    share = state.lift_share
-    if state.air.flies(t_s):
+    before = state.air
+    share = before.lift_share
+    if before.airborne.flies(t_s):
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
-        share += min(max(t_s - state.disturbance_s, 0.0) / _LIFT_TIME_S, 1.0) * (now - share)
-    return with_changes(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
+        share += min(max(t_s - before.disturbance_s, 0.0) / _LIFT_TIME_S, 1.0) * (now - share)
+    air = with_changes(before, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
+    return with_changes(state, air=air)
 
 
 def damping_1_s(state: PipelineState, config: PipelineConfig) -> float:
     """Velocity damping of the loop in charge."""
     if config.base is Base.UPSTREAM:
         return _UPSTREAM_DAMPING_1_S
-    return (FULL if state.tuned is None else state.tuned.gains).velocity_1_s
+    return (FULL if state.plant.tuned is None else state.plant.tuned.gains).velocity_1_s
 
 
 def compare_ranges(state: PipelineState, config: PipelineConfig) -> PipelineState:
     """The ranges to ground and wall beside the newest position, while the hold flies by it."""
     estimates = state.estimates
-    disturbance = state.disturbance
+    disturbance = state.air.disturbance
+    held = state.held
     position = estimates.position
     reset = estimates.reset
-    if state.hold is None or position is None:
-        if state.wall_drift is NO_WALL_DRIFT:
+    if held.hold is None or position is None:
+        if held.wall_drift is NO_WALL_DRIFT:
             return state
-        return with_changes(state, wall_drift=NO_WALL_DRIFT)
+        return with_changes(state, held=with_changes(held, wall_drift=NO_WALL_DRIFT))
     t_s = position.t_s
     if disturbance is None:
         ground, wall = (est.surface(estimates, config, what, t_s) for what in ("ground", "wall"))
@@ -75,12 +78,14 @@ def compare_ranges(state: PipelineState, config: PipelineConfig) -> PipelineStat
         wall = disturbance.wall
     near_m = NO_MATTER_RADII * config.vehicle.rotor_radius_m
     beside = compare_wall(
-        state.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s
+        held.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s
     )
     notice: tuple[Notice, float] | None
-    if beside.drifts and not state.wall_drift.drifts:
+    if beside.drifts and not held.wall_drift.drifts:
         notice = (Notice.POSITION_DRIFTS, t_s)
     else:
         notice = state.notice
-    drift = height_drift.compare(state.drift, ground, position)
-    return with_changes(state, drift=drift, wall_drift=beside, notice=notice)
+    drift = height_drift.compare(held.drift, ground, position)
+    return with_changes(
+        state, held=with_changes(held, drift=drift, wall_drift=beside), notice=notice
+    )

@@ -11,6 +11,8 @@ from models.vehicle import Vector3, Vehicle
 
 IMU_LAG_S = 0.03
 """The accelerometer is delayed by this, which is how late rotor speeds are."""
+BLOCK_S = 0.2
+"""Measured and modelled wrench are averaged over this: the one filter that both go through."""
 AXES = 5
 """Fx Fy Fz Mx My: no size acts by the yaw moment."""
 

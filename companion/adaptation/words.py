@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.judge import ground_measured
 from companion.adaptation.sizes import GAINS, LIFT, channels
 

@@ -9,7 +9,6 @@ from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_know
 from companion.control.lateness import LATE_FADE_S, LATE_STOP_FOR_S, lateness
 from companion.control.plant import HoldTuning, Margin
 from companion.control.reasons import REASON_OF_SIGHT, Reason
-from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
 from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
@@ -23,6 +22,7 @@ from companion.mavlink.firmware import (
     thrust_meaning,
 )
 from companion.mavlink.samples import Heartbeat
+from companion.state.pipeline_state import PipelineState
 from models.surrogate.empty import is_empty
 from models.vehicle.lift_ratio import IN_FLIGHT
 
@@ -54,15 +54,15 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
     """Why nothing is sent, or why offsets fade."""
     out: list[Reason] = []
     estimates = state.estimates
-    heartbeat = state.heartbeat
-    disturbance = state.disturbance
+    heartbeat = state.heard.heartbeat
+    disturbance = state.air.disturbance
     holds = config.base is Base.HOLD
     if heartbeat is None or t_s - heartbeat.t_s > _HEARTBEAT_AGE_S:
         out.append(Reason.NO_HEARTBEAT)
     else:
         _autopilot(out, state, heartbeat, config)
     _arrivals(out, state, config, t_s)
-    if not state.air.flies(t_s):
+    if not state.air.airborne.flies(t_s):
         out.append(Reason.LANDED)
     if holds:
         _hold(out, state, config, t_s)
@@ -70,16 +70,16 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.RPM_MISSING)
     else:
         _surfaces(out, disturbance, t_s)
-    if state.drift.drifts and abs(state.drift.rate_m_s) >= FADE_M_S:
+    if state.held.drift.drifts and abs(state.held.drift.rate_m_s) >= FADE_M_S:
         out.append(Reason.HEIGHT_DRIFTS)
     if estimates.rows is not None and estimates.rows[2][2] < _MOST_TILT_COS:
         out.append(Reason.TILTED)
-    if holds and t_s - state.swing.swung_s < _SWING_PAUSE_S:
+    if holds and t_s - state.plant.swing.swung_s < _SWING_PAUSE_S:
         out.append(Reason.SWINGING)
-    if state.stopping:
+    if state.requests.stopping:
         out.append(Reason.STOPPING)
     low, high = IN_FLIGHT
-    if not low <= state.lift_share <= high:
+    if not low <= state.air.lift_share <= high:
         out.append(Reason.MODEL_WRONG)
     if t_s - estimates.undeclared_s < ROTOR_AGE_S:
         out.append(Reason.ROTORS_WRONG)
@@ -95,7 +95,7 @@ def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t
     estimates = state.estimates
     if estimates.attitude is None or t_s - estimates.attitude.t_s > ATTITUDE_AGE_S:
         out.append(Reason.ATTITUDE_STALE)
-    if t_s - state.late_since_s >= LATE_STOP_FOR_S:
+    if t_s - state.heard.late_since_s >= LATE_STOP_FOR_S:
         out.append(Reason.TOO_LATE)
     elif lateness(estimates, config) > LATE_FADE_S:
         out.append(Reason.LATE)
@@ -105,7 +105,7 @@ def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t
 
 def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:
     """Whether the upstream controller has stopped."""
-    return state.upstream is None or t_s - state.upstream.t_s > _UPSTREAM_AGE_S
+    return state.requests.upstream is None or t_s - state.requests.upstream.t_s > _UPSTREAM_AGE_S
 
 
 def _autopilot(
@@ -122,7 +122,7 @@ def _autopilot(
         if stack is Stack.ARDUPILOT:
             out.append(Reason.CARRIER_REFUSED)
         return
-    meaning = thrust_meaning(heartbeat, state.parameters)
+    meaning = thrust_meaning(heartbeat, state.heard.parameters)
     if meaning is not ThrustMeaning.THRUST and stack is not Stack.OTHER:
         out.append(_ABOUT_THRUST[meaning])
 
@@ -141,19 +141,22 @@ def _hold(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: 
         out.append(Reason.POSITION_UNTRUSTED)
     elif _POSITION_FADE_AGE_S < age_s <= POSITION_AGE_S:
         out.append(Reason.POSITION_OLD)
-    if state.tuned is not None and not _firm_enough(state.tuned, state.hold is not None):
+    if state.plant.tuned is not None and not _firm_enough(
+        state.plant.tuned, state.held.hold is not None
+    ):
         out.append(Reason.NO_MARGIN)
-    if state.swing.level > SWING_LEVELS:
+    if state.plant.swing.level > SWING_LEVELS:
         out.append(Reason.SWINGS_ON)
-    if state.hold is not None:
+    if state.held.hold is not None:
         return
-    if not state.engagement.out_of_take_off:
+    if not state.heard.engagement.out_of_take_off:
         out.append(Reason.TAKING_OFF)
     elif config.carrier is Carrier.ATTITUDE:
         declared = config.vehicle.hover_thrust
-        if not is_known(state.hover, t_s, state.parameters, declared):
+        if not is_known(state.learned.hover, t_s, state.heard.parameters, declared):
             awaited = (
-                t_s - state.hover.now_s < HEARD_AGE_S or hover_parameter(state.parameters) is None
+                t_s - state.learned.hover.now_s < HEARD_AGE_S
+                or hover_parameter(state.heard.parameters) is None
             )
             out.append(Reason.HOVER_UNKNOWN if awaited else Reason.HOVER_IMPLAUSIBLE)
 

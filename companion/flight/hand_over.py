@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 
 from companion.config import Base, PipelineConfig
-from companion.control.state import PipelineState
 from companion.flight.options import FlightOptions
 from companion.flight.outbox import Outbox
 from companion.flight.timers import Timers
@@ -20,6 +19,7 @@ from companion.mavlink.samples import Heartbeat
 from companion.mavlink.setpoints import Command, PositionCommand, encode
 from companion.mavlink.wire_frames import Frame
 from companion.pipeline import hand_over_place, level_command
+from companion.state.pipeline_state import PipelineState
 
 _LASTS_S = 1.0
 """For so long the autopilot is sent the place to stay at: PX4's controller has settled before the stream ends."""
@@ -35,17 +35,19 @@ _DEAF_PERIOD_S = 0.1
 
 def holds(state: PipelineState, config: PipelineConfig) -> bool:
     """Whether our own hold flies the vehicle."""
-    return state.hold is not None and not config.dry_run and config.base is Base.HOLD
+    return state.held.hold is not None and not config.dry_run and config.base is Base.HOLD
 
 
 def place_to_stay(state: PipelineState, config: PipelineConfig) -> PositionCommand | None:
     """Where the autopilot should stay without us; None where no hold flies, or where it takes no places."""
-    heartbeat = state.heartbeat
-    if not holds(state, config) or state.hold is None or heartbeat is None:
+    heartbeat = state.heard.heartbeat
+    if not holds(state, config) or state.held.hold is None or heartbeat is None:
         return None
     if mode_name(heartbeat) == "GUIDED_NOGPS":
         return None
-    return PositionCommand(state.t_s, hand_over_place(state, state.hold), state.hold.target.yaw)
+    return PositionCommand(
+        state.t_s, hand_over_place(state, state.held.hold), state.held.hold.target.yaw
+    )
 
 
 class HandOver:
@@ -53,6 +55,7 @@ class HandOver:
 
     def __init__(
         self,
+        *,
         config: PipelineConfig,
         link: Link,
         arrivals: Arrivals,

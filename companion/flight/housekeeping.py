@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from companion.config import PipelineConfig
 from companion.control.lateness import lateness
-from companion.control.state import PipelineState
 from companion.flight.outbox import Outbox
 from companion.flight.pilot import Pilot
 from companion.flight.requests import Requests
 from companion.flight.timers import Timers
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.outgoing import heartbeat, timesync
+from companion.state.pipeline_state import PipelineState
 
 _LOST_S = 3.0
 """Three heartbeats at the 1 Hz of the protocol."""
@@ -25,6 +25,7 @@ class Housekeeping:
 
     def __init__(
         self,
+        *,
         config: PipelineConfig,
         link: Link,
         arrivals: Arrivals,
@@ -76,4 +77,4 @@ class Housekeeping:
         if now_s - self._heard_s > _LOST_S:
             self._requests.streams.forget()
         else:
-            self._requests.ask(now_s, state.parameters)
+            self._requests.ask(now_s, state.heard.parameters)

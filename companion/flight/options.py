@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from companion.control.state import Decision
 from companion.page.feed import PageFeed
+from companion.state.decision import Decision
 from companion.watchdog import Watchdog
 
 

@@ -19,7 +19,7 @@ class Outbox:
         self, link: Link, recorder: Records | None, arrivals: Arrivals, intake: Intake
     ) -> None:
         self._link = link
-        self._recorder = recorder
+        self.recorder = recorder
         self._arrivals = arrivals
         self._intake = intake
         self._beats: deque[bytes] = deque(maxlen=4)
@@ -50,13 +50,13 @@ class Outbox:
 
     def record(self, at_us: int, raw: bytes) -> None:
         """A frame of either direction."""
-        if self._recorder is not None:
-            self._recorder.write(at_us, raw)
+        if self.recorder is not None:
+            self.recorder.write(at_us, raw)
 
     def flush(self) -> None:
         """What is recorded reaches the file."""
-        if self._recorder is not None:
-            self._recorder.flush()
+        if self.recorder is not None:
+            self.recorder.flush()
 
     def sent_lately(self, raw: bytes) -> bool:
         """Whether a heartbeat is one of our own last ones."""

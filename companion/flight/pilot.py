@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
-from companion.control.state import Decision, PipelineState
 from companion.control.survey import Phase, Survey
 from companion.flight.outbox import Outbox
 from companion.mavlink.outgoing import Message
+from companion.state.decision import Decision
+from companion.state.pipeline_state import PipelineState
 from companion.telemetry.status import StatusReporter
 from companion.watchdog import Watchdog
 

@@ -6,7 +6,6 @@ a requirement counts as kept where the messages themselves show it.
 
 from __future__ import annotations
 
-from companion.control.state import Decision
 from companion.invariants.heard import Heard
 from companion.invariants.offsets import OffsetChecks
 from companion.invariants.requirements import Audit, Requirement
@@ -17,6 +16,7 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 from companion.mavlink.wire_frames import Frame, unpacked
+from companion.state.decision import Decision
 from models.vehicle import Vehicle
 
 _COMMAND_LONG = 76

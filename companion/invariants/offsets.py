@@ -6,9 +6,9 @@ import math
 
 from companion.control.compensation import Offset
 from companion.control.reasons import HOLDS_BACK_EVERYTHING
-from companion.control.state import Decision
 from companion.invariants.heard import Heard, needed_inputs
 from companion.invariants.requirements import WIRE, Audit, Requirement
+from companion.state.decision import Decision
 from models.common.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 

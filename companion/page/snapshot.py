@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
-from companion.control.state import Decision, PipelineState
 from companion.estimation.surfaces import Surface
 from companion.mavlink.firmware import mode_name
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.stream_rates import StreamKeeper
+from companion.state.decision import Decision
+from companion.state.pipeline_state import PipelineState
 from models.common.frames import Rows
 
 
@@ -28,7 +29,7 @@ def snapshot(
     """``now_s`` is the receiver's clock, for the rates of the link."""
     offset = decision.offset
     disturbance = decision.disturbance
-    heartbeat = state.heartbeat
+    heartbeat = state.heard.heartbeat
     out: dict[str, Any] = {
         "t_s": round(decision.t_s, 3),
         "vehicle": config.vehicle.name,

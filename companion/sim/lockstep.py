@@ -88,7 +88,13 @@ class Lockstep:
         arrivals = Arrivals(self)
         link = Link(self, "lockstep", arrivals)
         self.recv(0)  # sent before its socket was open
-        self.companion = Flight(config, link, None, recorder, arrivals, options)
+        self.companion = Flight(
+            config=config,
+            link=link,
+            recorder=recorder,
+            arrivals=arrivals,
+            options=options,
+        )
         self.companion.run()
 
     def _step(self) -> None:

@@ -9,9 +9,10 @@ from collections.abc import Iterator
 
 from companion.adaptation import words
 from companion.control.reasons import REASON_OF_SIGHT, Notice, Reason
-from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.mavlink.outgoing import Message, named_value_float, statustext
+from companion.state.decision import Decision
+from companion.state.pipeline_state import PipelineState
 
 _PERIOD_S = 0.5
 """2 Hz: readable, and half a percent of a 57600 baud link for each value."""
@@ -102,7 +103,7 @@ class StatusReporter:
             for size, share, sentence in words.sentences(decision.adaptation, self._shares):
                 self._shares[size] = share
                 yield from self.tell(f"companion: {sentence}")
-        if decision.command is not None and state.hold is not None and not self._led:
+        if decision.command is not None and state.held.hold is not None and not self._led:
             self._led = True
             yield from self.tell(
                 "companion: holding; position targets to component 191 move it", warning=False
@@ -110,7 +111,7 @@ class StatusReporter:
         if self._advised:
             hint = None
         else:
-            hint = advice(stack_of(state.heartbeat), state.parameters)
+            hint = advice(stack_of(state.heard.heartbeat), state.heard.parameters)
         if hint is not None:
             self._advised = True
             yield from self.tell(hint)
@@ -190,7 +191,7 @@ def text_messages(severity: int, text: str, number: int) -> list[Message]:
 
 def _lifts_off(state: PipelineState, decision: Decision) -> bool:
     """Whether it is still open if the vehicle flies: the first second in the air, or of hearing it fly."""
-    return Reason.LANDED in decision.reasons and state.air.since_s < math.inf
+    return Reason.LANDED in decision.reasons and state.air.airborne.since_s < math.inf
 
 
 def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
@@ -217,13 +218,13 @@ def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
         if about:
             what = re.sub("^(range(finder)?)", rf"\1 to {about}", what)
     if reason is Reason.HEIGHT_DRIFTS:
-        what = what.replace("drifts", f"drifts {abs(state.drift.rate_m_s):.1f} m/s")
+        what = what.replace("drifts", f"drifts {abs(state.held.drift.rate_m_s):.1f} m/s")
     if (
         reason is Reason.NOT_ARMED
-        and state.air.since_s < math.inf
-        and state.air.carried_s == decision.t_s
+        and state.air.airborne.since_s < math.inf
+        and state.air.airborne.carried_s == decision.t_s
     ):
         what += ", though the vehicle flies: nothing is sent, take over"
-    if reason is Reason.WRONG_MODE and state.heartbeat is not None:
-        what += f" (now {mode_name(state.heartbeat)})"
+    if reason is Reason.WRONG_MODE and state.heard.heartbeat is not None:
+        what += f" (now {mode_name(state.heard.heartbeat)})"
     return what

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.control.reasons import Reason
-from companion.control.state import Decision
 from companion.disturbance.records import Disturbance
+from companion.state.decision import Decision
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""

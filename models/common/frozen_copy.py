@@ -17,18 +17,23 @@ else:
 
     def with_changes(record: Any, /, **changes: Any) -> Any:
         """The same record with these fields changed; the record itself stays as it was. TypeError for another name."""
+        # One union and one assignment: five times as fast as filling the new record's own dictionary.
+        values = record.__dict__ | changes
+        fields = record.__dataclass_fields__
+        if len(values) != len(fields):
+            values = _of_fields(record, changes)
         new = _new(record.__class__)
+        _set(new, "__dict__", values)
+        return new
+
+    def _of_fields(record: Any, changes: dict[str, Any]) -> dict[str, Any]:
+        """The new values without cached properties of the old ones."""
         kept = record.__dict__
         fields = record.__dataclass_fields__
-        if len(kept) > len(fields):  # a cached property of the old values
-            kept = {name: kept[name] for name in fields}
-        # One union and one assignment: five times as fast as filling the new record's own dictionary.
-        together = kept | changes
-        if len(together) > len(fields):
-            wrong = min(changes.keys() - fields.keys())
-            raise TypeError(f"{record.__class__.__name__} has no field {wrong!r}")
-        _set(new, "__dict__", together)
-        return new
+        for name in changes:
+            if name not in fields:
+                raise TypeError(f"{record.__class__.__name__} has no field {name!r}")
+        return {name: kept[name] for name in fields} | changes
 
 
 __all__ = ["with_changes"]

@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.adaptation import adapt
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation import begin
+from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
 from companion.control.compensation import Offset
 from companion.control.position_hold import BaseSetpoint
-from companion.control.state import Decision
 from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen, Surface
+from companion.state.decision import Decision
 from replay.export.columns import Column
 from replay.rerun.report import play
 
@@ -142,7 +142,7 @@ class Decisions:
             offset=Offset(),
             base=None,
             disturbance=None,
-            adaptation=adapt.initial(config),
+            adaptation=begin.initial(config),
         )
         for topic, said in _told(nothing, None):
             quantities = list(said)

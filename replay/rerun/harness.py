@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.control.state import Decision, PipelineState
 from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
 from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
+from companion.state.decision import Decision
+from companion.state.pipeline_state import PipelineState
 
 
 @dataclass

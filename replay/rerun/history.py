@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from companion.control.state import Decision
+from companion.state.decision import Decision
 from companion.telemetry.summary import around
 from models.common.frames import Array
 

@@ -10,8 +10,8 @@ from typing import Any
 from tqdm import tqdm
 
 from companion.config import PipelineConfig
-from companion.control.state import Decision
 from companion.mavlink.samples import Sample
+from companion.state.decision import Decision
 from companion.telemetry.summary import Summary
 from models.common.errors import LogError
 from replay.logs.formats import load, suffix_of

@@ -17,13 +17,13 @@ from typing import Any
 import simulators_path  # noqa: F401
 from lockstep_faults import FaultyLockstep
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
-from companion.control.state import Decision
 from companion.sim.autopilot import Mode
 from companion.sim.flight import SimulatedFlight
 from companion.sim.pilot import ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
+from companion.state.decision import Decision
 from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder, Vehicle
 

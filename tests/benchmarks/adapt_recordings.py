@@ -23,11 +23,11 @@ import numpy as np
 from tqdm import tqdm
 
 from companion.adapt_options import Adapt
-from companion.adaptation import adapt
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation import learn as learning
+from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.residual import BlockResidual
 from companion.config import PipelineConfig
-from companion.control.state import Decision
+from companion.state.decision import Decision
 from models.choice import NONE, choose
 from models.common.errors import UserError
 from models.vehicle import load_vehicle
@@ -85,13 +85,13 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
         vehicle=vehicle, model=choose(vehicle, model).model, dry_run=True, adapt=Adapt.FULL
     )
     seen: deque[BlockResidual] = deque(maxlen=1)
-    inner = adapt.residual_of.block_residual
+    inner = learning.residual_of.block_residual
 
     def block_residual(*args: Any) -> BlockResidual:
         seen.append(inner(*args))
         return seen[-1]
 
-    adapt.residual_of.block_residual = block_residual  # type: ignore[assignment]
+    learning.residual_of.block_residual = block_residual  # type: ignore[assignment]
     blocks: list[tuple[float, BlockResidual, Any]] = []
     known: Adaptation | None = None
     try:
@@ -101,7 +101,7 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
                 blocks.append((decision.t_s, seen[-1], fresh.sizes.offset))
             known = fresh or known
     finally:
-        adapt.residual_of.block_residual = inner
+        learning.residual_of.block_residual = inner
     assert known is not None
     as_modelled, with_sizes = predicted(blocks)
     return Learned(log.name, known, as_modelled, with_sizes, known.learned_s)

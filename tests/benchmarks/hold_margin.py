@@ -232,13 +232,13 @@ def fly(plant: Plant, seed: int) -> Flown:
             state, _ = step(state, SetPositionTarget(t, 255, 190, 0x1C0 | 0xC00, 1, tuple(place), tuple(speed),
                                                      (0.0,) * 3, 0.0, 1, 191), config)  # fmt: skip
         craft.step()
-        if t >= START_S and state.hold is None:
+        if t >= START_S and state.held.hold is None:
             break  # refused: from here on the autopilot would fly, and there is none
         if t >= START_S:
             errors.append(craft.position - reference(t - START_S)[0])
             tilts.append(craft.tilt.copy())
-            softened = max(softened, state.swing.level)
-            engaged.append(state.hold is not None)
+            softened = max(softened, state.plant.swing.level)
+            engaged.append(state.held.hold is not None)
     assert last is not None
     assert last.tuned is not None
     if t < end_s - 1.0:

@@ -127,7 +127,7 @@ from companion.cli import main
 from companion.control.compensation import Offset
 from companion.mavlink.samples import Attitude
 from companion.mavlink.setpoints import AttitudeCommand
-from companion.control.state import Decision
+from companion.state.decision import Decision
 
 def answer(state, sample, config):
     if type(sample) is not Attitude:

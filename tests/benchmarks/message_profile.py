@@ -60,9 +60,9 @@ def one_round(
         if sample is None:
             continue
         start = clock()
-        known = state.disturbance
+        known = state.air.disturbance
         state, decision = answer(state, sample, config)
-        if state.disturbance is not known:
+        if state.air.disturbance is not known:
             name += ", asking the model"
         if decision is not None and decision.command is not None:
             encode(decision.command, 1)
@@ -72,7 +72,7 @@ def one_round(
         stepping[name].append(answered - start)
         if sample is state.estimates.attitude:
             stepping[f"{name.split(',')[0]}, once answered"].append(clock() - answered)
-        if name == "HEARTBEAT" and "GUID_OPTIONS" not in state.parameters:
+        if name == "HEARTBEAT" and "GUID_OPTIONS" not in state.heard.parameters:
             told = Parameter(sample.t_s, sample.system, sample.component, "GUID_OPTIONS", 8.0)
             state, _ = step(state, told, config)
     return 0.0 if first is None or last is None else (last - first) / 1e6

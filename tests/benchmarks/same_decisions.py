@@ -27,9 +27,9 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.reasons import Reason
-from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode
+from companion.state.decision import Decision
 from companion.vehicles import default_vehicle
 from models.common.errors import UserError
 from models.effects.effect import AdoptedEffect

@@ -59,7 +59,7 @@ def surveying(p: CasePilot) -> Iterator[float]:
     while p.flight.time_s < LIMIT_S:
         yield 1.0
         companion = p.world.companion
-        if companion is not None and companion.survey.phase in (Phase.DONE, Phase.ABORTED):
+        if companion is not None and companion.incoming.state.requests.survey.phase in (Phase.DONE, Phase.ABORTED):
             return
 
 
@@ -81,7 +81,7 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
     assert world.companion is not None
     judged = pilots[0].judgement
     end = {"seconds": flight.time_s, "contact_s": judged.contact_s, "lowest_m": judged.lowest_m}
-    return log, {**world.companion.survey.as_json(), **end}
+    return log, {**world.companion.incoming.state.requests.survey.as_json(), **end}
 
 
 def approach(vehicle: Vehicle, model: Any, seed: int, *, offsets: bool = True) -> Flown:

@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 
 from companion.config import Base, PipelineConfig
-from companion.control.state import Decision, PipelineState
 from companion.mavlink.samples import (
     Attitude,
     Heartbeat,
@@ -23,6 +22,8 @@ from companion.mavlink.samples import (
     SetAttitudeTarget,
 )
 from companion.pipeline import initial_state, step
+from companion.state.decision import Decision
+from companion.state.pipeline_state import PipelineState
 from companion.vehicles import default_vehicle
 from models.common.frames import quaternion_from_euler
 from models.surrogate.fan_surrogate import Answer
@@ -114,7 +115,7 @@ class Bench:
     def tick(self, dt: float = 0.02) -> Decision:
         """One 50 Hz cycle; returns the decision that the attitude calls for."""
         self.t += dt
-        if self.guid_options is not None and "GUID_OPTIONS" not in self.state.parameters:
+        if self.guid_options is not None and "GUID_OPTIONS" not in self.state.heard.parameters:
             self.feed(Parameter(self.t, 1, 1, "GUID_OPTIONS", self.guid_options))
         self.feed(Heartbeat(self.t, 1, 1, self.armed, self.mode, self.autopilot, self.vehicle_type))
         self.feed(LandedState(self.t, 1, 1, self.landed))
@@ -145,6 +146,11 @@ class Bench:
         for _ in range(round(seconds / 0.02)):
             decision = self.tick()
         return decision
+
+
+def with_plant(state: PipelineState, **changes) -> PipelineState:
+    """The state with another plant."""
+    return replace(state, plant=replace(state.plant, **changes))
 
 
 def bench(**changes) -> Bench:

@@ -11,7 +11,7 @@ from adapt_models import TrueModel
 from simulated import simulated
 
 from companion.adapt_options import Adapt
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.gates import NOT_FLYING, SURFACE_STEP, SURFACE_UNKNOWN
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL

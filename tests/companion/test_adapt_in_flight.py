@@ -21,8 +21,11 @@ from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models
 from companion.adapt_options import Adapt
-from companion.adaptation import adapt
+from companion.adaptation import begin
+from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.apply import GIVE_1_S, Applied, towards
+from companion.adaptation.beliefs import wanted_of
+from companion.adaptation.block import BLOCK_S
 from companion.adaptation.near_map import CELLS, NearField
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
@@ -63,7 +66,7 @@ def lift_of_the_air() -> float:
     return NOMINAL.increments(HEIGHT_RADII, math.inf).z
 
 
-def lift_compensated(known: adapt.Adaptation, gain: float) -> float:
+def lift_compensated(known: Adaptation, gain: float) -> float:
     """The same, of what offsets follow, with a model that says ``gain`` times the truth."""
     lift, _, _ = known.applied.near.at_fan(HEIGHT_RADII, math.inf)
     return known.shares[0] * gain * lift_of_the_air() + lift
@@ -116,7 +119,7 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
     """Thrust scale, wind, centre of gravity and drag are told, not used: the integrators hold them already. What is
     estimated along with a channel is not either."""
     config = PipelineConfig(vehicle=VEHICLE, model=models.load(), adapt=Adapt.FULL)
-    known = adapt.initial(config)
+    known = begin.initial(config)
     assert known is not None
     assert channels(known.table) == (0, 1, 2)
     moved = known.sizes.offset.copy()
@@ -130,9 +133,9 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
         known, sizes=Sizes(moved, known.sizes.covariance), judged=tuple(beside), learned=(True,) * 3
     )
     same = replace(known, learned=(True,) * 3)
-    assert adapt._wanted(other) == adapt._wanted(same)
+    assert wanted_of(other) == wanted_of(same)
     with_ceiling = models.load().with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
-    more = adapt.initial(replace(config, model=with_ceiling))
+    more = begin.initial(replace(config, model=with_ceiling))
     assert more is not None
     assert [more.table[k].name for k in channels(more.table)][-1] == "ceiling"
 
@@ -144,8 +147,8 @@ def test_a_share_grows_slower_than_the_holds_integrators_answer():
     )
     assert 1.5 * max(integrators) < 1.0 / GIVE_1_S
     all_at_once = Applied((1.5,) * 3, NearField(3.0, *((0.1,) * CELLS,) * 3))
-    grown = towards(Applied((0.0,) * 3), all_at_once, adapt.BLOCK_S)
-    slowest = adapt.BLOCK_S / (1.5 * max(integrators))
+    grown = towards(Applied((0.0,) * 3), all_at_once, BLOCK_S)
+    slowest = BLOCK_S / (1.5 * max(integrators))
     assert max(*grown.shares, grown.near.ground) <= slowest
     assert (
         grown.near.lift[0] / 0.1 <= slowest
@@ -179,15 +182,18 @@ def test_no_setpoint_waits_for_what_is_learned(tmp_path: Path):
     fly(low_hover(), config, 20.0, record=log)
     state, learned = initial_state(config), 0
     for sample in samples_of(log):
-        before = state.adaptation
+        before = state.learned.adaptation
         state, decision = answer(state, sample, config)
-        gathered = state.adaptation
+        gathered = state.learned.adaptation
         assert before is not None
         assert gathered is not None
         assert gathered.sizes is before.sizes
         assert gathered.judged is before.judged
         state = settle(state, sample, decision, config)
-        learned += state.adaptation is not None and state.adaptation.sizes is not before.sizes
+        learned += (
+            state.learned.adaptation is not None
+            and state.learned.adaptation.sizes is not before.sizes
+        )
     assert learned > 20
 
 
@@ -211,7 +217,7 @@ def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
 
 def test_off_measures_nothing():
     config = PipelineConfig(vehicle=VEHICLE, model=models.load())
-    assert initial_state(config).adaptation is None
+    assert initial_state(config).learned.adaptation is None
 
 
 def test_ground_stations_get_six_numbers_of_at_most_ten_characters():

@@ -10,10 +10,10 @@ import pytest
 
 from companion.adaptation import judge
 from companion.adaptation import sizes as at
-from companion.adaptation.adapt import _ALIKE
 from companion.adaptation.apply import MOST
 from companion.adaptation.channel import Channel, channels_of, place_of, rows
 from companion.adaptation.judge import Belief, believed, learn
+from companion.adaptation.learn import _ALIKE
 from companion.adaptation.near_map import (
     CELLS,
     GAPS,

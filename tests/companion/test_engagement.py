@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,7 +41,7 @@ class Flown:
     def tick(self, dt=0.02):
         b = self.bench
         b.t += dt
-        if "GUID_OPTIONS" not in b.state.parameters and b.guid_options is not None:
+        if "GUID_OPTIONS" not in b.state.heard.parameters and b.guid_options is not None:
             b.tick(0.0)
         b.feed(Heartbeat(b.t, 1, 1, b.armed, b.mode, b.autopilot, b.vehicle_type))
         b.feed(LandedState(b.t, 1, 1, b.landed))
@@ -92,7 +91,7 @@ def test_before_offboard_the_stream_has_no_place_and_the_hold_begins_at_the_swit
     flown.position = np.array([4.0, -2.0, -1.5])  # the pilot flies away
     flown.velocity, flown.yaw = np.array([0.5, 0.0, 0.0]), 0.7
     waiting = flown.run(1.0)[-1]
-    assert flown.bench.state.hold is None
+    assert flown.bench.state.held.hold is None
     assert waiting.command.q_ned_frd == pytest.approx(quaternion_from_euler(0.0, 0.0, 0.7)), (
         "level, own heading"
     )
@@ -102,7 +101,7 @@ def test_before_offboard_the_stream_has_no_place_and_the_hold_begins_at_the_swit
     flown.run(0.5)
     flown.bench.mode = OFFBOARD
     begun = flown.run(1.0)
-    hold = flown.bench.state.hold
+    hold = flown.bench.state.held.hold
     assert np.linalg.norm(hold.reference.position - flown.position) < 0.05
     assert max(tilt_deg(d.command) for d in begun) < 2.5, "nothing to fly back to"
 
@@ -122,7 +121,7 @@ def test_a_hover_parameter_that_contradicts_the_vehicle_file_is_refused_where_no
     flown.thrust = None
     flown.bench.feed(parameter(flown, "MOT_THST_HOVER", 0.25))  # the vehicle file says 0.5
     assert Reason.HOVER_IMPLAUSIBLE in flown.run(4.0)[-1].reasons
-    assert flown.bench.state.hold is None
+    assert flown.bench.state.held.hold is None
     flown.bench.feed(parameter(flown, "MOT_THST_HOVER", 0.47))
     assert flown.run(0.5)[-1].command is not None
 
@@ -146,7 +145,7 @@ def test_a_guided_take_off_is_the_autopilots_own():
     begun = flown.run(3.0)
     assert begun[0].command is None
     assert begun[-1].command is not None
-    assert flown.bench.state.hold.reference.position[2] == pytest.approx(-1.5, abs=0.05)
+    assert flown.bench.state.held.hold.reference.position[2] == pytest.approx(-1.5, abs=0.05)
 
 
 def test_without_a_landed_state_a_climb_is_still_a_take_off():
@@ -183,7 +182,9 @@ def test_engaging_in_motion_brakes_within_the_limits():
     for _ in range(100):  # the vehicle follows as late as its loop
         command = flown.tick().command
         tilts.append(2.0 * math.asin(command.q_ned_frd[2]))
-        reference = expected(flown.bench.state.hold.reference, flown.bench.state.tuned.gains.lag_s)
+        reference = expected(
+            flown.bench.state.held.hold.reference, flown.bench.state.plant.tuned.gains.lag_s
+        )
         flown.velocity = np.array(reference.velocity)
         flown.position = reference.position + 0.02 * flown.velocity
         flown.bench.pitch += 0.2 * (tilts[-1] - flown.bench.pitch)
@@ -277,14 +278,14 @@ def stalled_at_a_target(**late: float) -> Flown:
         b.feed(LocalPosition(b.t, 1, 1, tuple(flown.position), (0.0, 0.0, 0.0), late_s=2.0))
         q = quaternion_from_euler(0.0, 0.0, 0.0)
         b.feed(Attitude(b.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION", late_s=2.0))
-    assert b.state.hold is None
+    assert b.state.held.hold is None
     return flown
 
 
 def test_after_a_stall_it_goes_back_to_the_place_that_the_pilot_gave():
     flown = stalled_at_a_target()
     flown.run(2.0)
-    assert flown.bench.state.hold.target.position == pytest.approx((0.3, 0.0, -1.0), abs=0.01)
+    assert flown.bench.state.held.hold.target.position == pytest.approx((0.3, 0.0, -1.0), abs=0.01)
 
 
 def test_after_a_stall_and_a_change_of_mode_it_stays_where_it_is():
@@ -293,7 +294,7 @@ def test_after_a_stall_and_a_change_of_mode_it_stays_where_it_is():
     flown.run(0.5)
     flown.bench.mode = 4
     flown.run(2.0)
-    assert flown.bench.state.hold.reference.position[0] == pytest.approx(0.4, abs=0.01)
+    assert flown.bench.state.held.hold.reference.position[0] == pytest.approx(0.4, abs=0.01)
 
 
 def test_a_stall_is_no_reboot():
@@ -301,15 +302,15 @@ def test_a_stall_is_no_reboot():
     flown = Flown()
     flown.run(5.0)
     b = flown.bench
-    learned, known = b.state.hover.learned, dict(b.state.parameters)
+    learned, known = b.state.learned.hover.learned, dict(b.state.heard.parameters)
     b.feed(Heartbeat(b.t + 3.0, 1, 1, True, 4, 3, 2))
     for k in range(150):
         t = b.t + 0.02 * k
         b.feed(LocalPosition(t, 1, 1, (0.0, 0.0, -1.0), (0.0, 0.0, 0.0)))
         b.feed(Attitude(t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
-    assert b.state.hover.learned == learned
-    assert dict(b.state.parameters) == known
-    assert b.state.heartbeat is not None
+    assert b.state.learned.hover.learned == learned
+    assert dict(b.state.heard.parameters) == known
+    assert b.state.heard.heartbeat is not None
 
 
 def test_after_a_gap_the_way_to_the_target_begins_where_the_vehicle_is():
@@ -319,7 +320,7 @@ def test_after_a_gap_the_way_to_the_target_begins_where_the_vehicle_is():
     flown.position = np.array([0.8, 0.0, -1.0])
     decision = flown.tick()
     assert tilt_deg(decision.command) < 1.0
-    hold = flown.bench.state.hold
+    hold = flown.bench.state.held.hold
     assert hold.target.position[0] == pytest.approx(0.0, abs=0.01)
     assert hold.reference.position[0] == pytest.approx(0.8, abs=0.01)
 
@@ -341,15 +342,15 @@ def test_all_four_local_frames_are_honoured(frame, asked, expected):
     flown.position, flown.yaw = np.array([2.0, 3.0, -1.0]), math.pi / 2.0
     flown.run(3.0)
     flown.target(POSITION_ONLY, asked, frame=frame)
-    assert flown.bench.state.hold.target.position == pytest.approx(expected, abs=1e-3)
+    assert flown.bench.state.held.hold.target.position == pytest.approx(expected, abs=1e-3)
 
 
 def test_another_frame_is_refused_aloud_and_moves_nothing():
     flown = Flown()
     flown.run(3.0)
-    before = flown.bench.state.hold.target
+    before = flown.bench.state.held.hold.target
     flown.target(POSITION_ONLY, (0.0, 0.0, -0.2), frame=6)
-    assert flown.bench.state.hold.target is before
+    assert flown.bench.state.held.hold.target is before
     assert flown.tick().notice[0] is Notice.FRAME_REFUSED
 
 
@@ -360,7 +361,7 @@ def test_velocity_targets_move_the_hold_while_they_last():
         flown.target(VELOCITY_ONLY, velocity=(0.3, 0.0, 0.0))
         for _ in range(5):
             flown.tick()
-            reference = flown.bench.state.hold.reference
+            reference = flown.bench.state.held.hold.reference
             flown.position, flown.velocity = (
                 np.array(reference.position),
                 np.array(reference.velocity),
@@ -370,7 +371,7 @@ def test_velocity_targets_move_the_hold_while_they_last():
     )
     for _ in range(150):
         flown.tick()
-        reference = flown.bench.state.hold.reference
+        reference = flown.bench.state.held.hold.reference
         flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert np.abs(flown.velocity).max() < 0.01
     assert 1.4 < flown.position[0] < 1.75, "it stays where it was brought"
@@ -386,7 +387,7 @@ def test_after_another_mode_it_holds_where_it_is_until_a_new_target_comes():
     flown.run(0.1)
     flown.bench.mode = 4
     assert max(tilt_deg(d.command) for d in flown.run(1.0, move=False)) < 0.5
-    assert flown.bench.state.hold.reference.position[0] == pytest.approx(
+    assert flown.bench.state.held.hold.reference.position[0] == pytest.approx(
         flown.position[0], abs=0.01
     )
 
@@ -399,7 +400,7 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
     speeds, steps, old = [], [], np.zeros(3)
     for _ in range(1200):
         flown.tick()
-        reference = flown.bench.state.hold.reference
+        reference = flown.bench.state.held.hold.reference
         flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
         speeds.append([math.hypot(*reference.velocity[:2]), abs(reference.velocity[2])])
         steps.append(np.abs(np.subtract(reference.velocity, old)).max() / 0.02)
@@ -458,7 +459,7 @@ def test_a_stop_brings_the_vehicle_to_rest_before_it_leaves():
     flown.target(POSITION_ONLY, (5.0, 0.0, -1.0))
     for _ in range(100):
         flown.tick()
-        reference = flown.bench.state.hold.reference
+        reference = flown.bench.state.held.hold.reference
         flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert flown.velocity[0] > 0.5
     flown.bench.state = stopped(flown.bench.state)
@@ -467,7 +468,7 @@ def test_a_stop_brings_the_vehicle_to_rest_before_it_leaves():
     flown.target(POSITION_ONLY, (5.0, 0.0, -1.0))  # nobody moves it any more
     for _ in range(150):
         flown.tick()
-        reference = flown.bench.state.hold.reference
+        reference = flown.bench.state.held.hold.reference
         flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert ready_to_leave(flown.bench.state)
     assert flown.position[0] < 3.5
@@ -478,4 +479,4 @@ def test_a_changed_mode_of_others_leaves_nothing_to_say():
     flown.run(3.0)
     flown.bench.mode = 5
     assert all(d.command is None for d in flown.run(1.0))
-    assert replace(flown.bench.state, stopping=True).hold is None
+    assert flown.bench.state.held.hold is None

@@ -11,9 +11,9 @@ import models
 from companion.config import PipelineConfig
 from companion.control.plant import Margin
 from companion.control.reasons import Notice, Reason
-from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import initial_state, step
+from companion.state.decision import Decision
 from models.vehicle import load_vehicle
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
@@ -92,8 +92,8 @@ def test_px4_stall(shared_data):
         if decision is not None and decision.t_s >= 50.0:
             break
         if decision is not None and decision.t_s > 48.5:
-            assert state.hover.learned == pytest.approx(0.70, abs=0.01)
-            assert state.parameters["MPC_THR_HOVER"] == pytest.approx(0.70)
+            assert state.learned.hover.learned == pytest.approx(0.70, abs=0.01)
+            assert state.heard.parameters["MPC_THR_HOVER"] == pytest.approx(0.70)
             engaged.append(isinstance(decision.command, AttitudeCommand))
     assert any(engaged), "it engages anew"
 
@@ -142,10 +142,10 @@ def test_ardupilot_target_in_the_body_frame(shared_data):
     """'Climb 0.2 m' in BODY_OFFSET_NED, 2 m from the origin: the hold asks for no more than a climb."""
     seen, target = [], None
     for state, _ in stepped(shared_data, "ardupilot/crash_body_frame_target"):
-        if state.hold is None or state.t_s < 95.0:
+        if state.held.hold is None or state.t_s < 95.0:
             target = None
-        elif state.hold.target is not target:
-            target = state.hold.target
+        elif state.held.hold.target is not target:
+            target = state.held.hold.target
             seen.append(target.position - np.asarray(state.estimates.position.position_ned))
     places = [offset for offset in seen if np.isfinite(offset).all()]
     assert places

@@ -32,7 +32,12 @@ class Run:
             self.upstream = open_link(f"udpin:127.0.0.1:{upstream_port}", arrivals, number=1)
         self.recorder = None if record is None else Recorder(record)
         self.flight = Flight(
-            config, self.link, self.upstream, self.recorder, arrivals, options or FlightOptions()
+            config=config,
+            link=self.link,
+            upstream=self.upstream,
+            recorder=self.recorder,
+            arrivals=arrivals,
+            options=options or FlightOptions(),
         )
         self.thread = threading.Thread(target=self.flight.run, daemon=True)
 
@@ -144,7 +149,7 @@ def test_a_reboot_is_survived_and_rates_are_asked_for_again():
         before = len([m for m in autopilot.of_type("COMMAND_LONG") if m.command == 511])
         autopilot.boot_s = 2.0
         time.sleep(1.5)
-        assert run.flight.reboots == 1
+        assert run.flight.incoming.reboots == 1
         assert len([m for m in autopilot.of_type("COMMAND_LONG") if m.command == 511]) > before
         count = len(autopilot.of_type("SET_ATTITUDE_TARGET"))
         autopilot.wait_for("SET_ATTITUDE_TARGET", count + 20)
@@ -161,7 +166,7 @@ def test_another_vehicle_on_the_link_is_ignored():
             time.sleep(1.0)
         assert run.flight.as_json()["ignored_systems"] == [7]
         assert run.flight.as_json()["system"] == 1
-        assert run.flight._state.heartbeat.armed
+        assert run.flight.incoming.state.heard.heartbeat.armed
 
 
 @pytest.mark.slow

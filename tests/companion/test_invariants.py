@@ -12,13 +12,13 @@ from flight_case import Case, CasePilot
 from simflight import vehicle
 
 from companion.control.compensation import Offset
-from companion.control.state import Decision
 from companion.invariants.auditor import Auditor
 from companion.invariants.requirements import Requirement
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.mavlink.wire_frames import Frame, FrameReader, pack
 from companion.sim.autopilot import Mode
+from companion.state.decision import Decision
 from models.common.frames import quaternion_from_euler
 from replay.logs.tlog import read_tlog
 

@@ -40,7 +40,7 @@ def test_rotors_that_slow_down_are_a_landing():
     b = flown()
     b.landed, b.rpm = 1, 2500.0
     assert Reason.LANDED in b.run(1.0).reasons
-    assert b.state.hold is None
+    assert b.state.held.hold is None
 
 
 def test_the_ground_as_near_as_before_take_off_is_a_landing():

@@ -95,7 +95,7 @@ def test_data_too_late_to_fly_on_end_the_hold(base):
     decision = b.tick()
     assert Reason.TOO_LATE in decision.reasons
     assert decision.command is None
-    assert b.state.hold is None
+    assert b.state.held.hold is None
     b.late = 0.0
     assert Reason.TOO_LATE not in b.tick().reasons
 

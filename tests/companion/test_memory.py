@@ -56,14 +56,14 @@ def cycle(mav, tick):
 def test_a_long_flight_needs_no_more_memory_than_a_short_one():
     wire, reader = Wire(), FrameReader()
     config = PipelineConfig(vehicle=default_vehicle(), model=models.load())
-    flight = Flight(config, wire, None, None, Arrivals(), FlightOptions())
+    flight = Flight(config=config, link=wire, arrivals=Arrivals(), options=FlightOptions())
     mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     sent = [cycle(mav, tick) for tick in range(1800)]
 
     def fly(first, count):
         for tick in range(first, first + count):
             for frame in reader.feed(sent[tick]):
-                flight._take(10**15 + tick * 20_000, frame)
+                flight.incoming.take(10**15 + tick * 20_000, frame)
 
     fly(0, 300)
     tracemalloc.start()

@@ -13,7 +13,6 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, swing_detector
 from companion.control.compensation import Offset, slewed
 from companion.control.reasons import Reason
-from companion.control.state import PipelineState
 from companion.disturbance.stable_gain import GAIN
 from companion.mavlink.samples import (
     Attitude,
@@ -31,6 +30,7 @@ from companion.mavlink.samples import (
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from companion.pipeline import answer, initial_state, step, stopped
 from companion.settle import settle
+from companion.state.pipeline_state import PipelineState
 from companion.telemetry.status import named_values
 from models.common.frames import quaternion_from_euler
 
@@ -160,7 +160,7 @@ def test_another_system_of_the_same_type_and_a_ground_station_change_nothing():
     ground_station = Heartbeat(b.t, 255, 190, False, 0, 8, 6)
     after, decision = step(state, ground_station, b.config)
     assert decision is None
-    assert after.heartbeat == state.heartbeat
+    assert after.heard.heartbeat == state.heard.heartbeat
 
 
 def test_no_new_input_no_new_output():
@@ -181,9 +181,9 @@ def test_a_reboot_forgets_everything_but_the_wish_to_stop():
     b.run(3.0)
     b.state = stopped(b.state)
     b.state, _ = step(b.state, LocalPosition(1.0, 1, 1, (0, 0, -1), (0, 0, 0)), b.config)
-    assert b.state.hold is None
-    assert b.state.heartbeat is None
-    assert b.state.stopping
+    assert b.state.held.hold is None
+    assert b.state.heard.heartbeat is None
+    assert b.state.requests.stopping
 
 
 def test_stopping_fades_out_within_half_a_second():
@@ -239,7 +239,7 @@ def test_the_pilots_target_moves_the_hold():
     decision = b.run(0.1)
     assert decision.base.pitch < -0.02, "nose down to go north"
     b.feed(replace(target, target_component=1, position=(-9.0, 0.0, -1.0)))
-    assert b.state.hold.target.position[0] == 1.0, "not addressed to the companion"
+    assert b.state.held.hold.target.position[0] == 1.0, "not addressed to the companion"
 
 
 def test_the_hover_thrust_is_learned_while_the_autopilot_flies_and_free_of_the_cushion():
@@ -247,7 +247,7 @@ def test_the_hover_thrust_is_learned_while_the_autopilot_flies_and_free_of_the_c
     for _ in range(300):
         b.tick()
         b.feed(AttitudeTarget(b.t, 1, 1, (1, 0, 0, 0), 0.437))
-    assert b.state.hover.learned == pytest.approx(0.437, abs=0.002)
+    assert b.state.learned.hover.learned == pytest.approx(0.437, abs=0.002)
     b.mode = 4
     decision = b.run(0.5)
     assert decision.base.thrust == pytest.approx(0.437, abs=0.01)
@@ -356,7 +356,7 @@ def test_the_state_is_never_changed_in_place():
 def test_what_only_later_setpoints_depend_on_waits_until_the_setpoint_has_left(monkeypatch):
     b = bench()
     b.run(3.0)
-    assert b.state.hold is not None
+    assert b.state.held.hold is not None
     done = []
     watched = {settle_module: "tune", swing_detector: "watch", attitude_response: "hear_tilt"}
     for module, name in watched.items():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flying import bench
+from flying import bench, with_plant
 
 from companion.control import plant, refusals, swing_detector
 from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
@@ -107,7 +107,7 @@ def test_where_no_gains_have_a_margin_the_hold_is_refused():
     assert not hopeless.margin.meets(refusals._LEAST)
     b = bench()
     b.run(0.1)
-    b.state = replace(b.state, tuned=hopeless, tuned_s=b.t)
+    b.state = with_plant(b.state, tuned=hopeless, tuned_s=b.t)
     assert Reason.NO_MARGIN in b.tick().reasons
 
 
@@ -188,17 +188,15 @@ def test_a_growing_or_steady_swing_is_noticed_and_one_that_dies_out_is_not():
 def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     b = bench(height=0.3, wall=0.3)
     full = b.run(4.0).tuned.share
-    b.state = replace(
-        b.state,
-        swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t),
-        tuned_s=-math.inf,
-    )
+    swing = SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t)
+    b.state = with_plant(b.state, swing=swing, tuned_s=-math.inf)
     decision = b.run(0.6)
     assert decision.tuned.share <= 0.61 * full
     assert Reason.SWINGING in decision.reasons
     assert decision.offset.share == 0.0
     assert decision.command is not None, "the hold goes on"
-    b.state = replace(b.state, swing=replace(b.state.swing, level=swing_detector.SWING_LEVELS + 1))
+    swing = replace(b.state.plant.swing, level=swing_detector.SWING_LEVELS + 1)
+    b.state = with_plant(b.state, swing=swing)
     assert Reason.SWINGS_ON in b.tick().reasons
     assert Notice.SOFTENED.value.startswith("swinging")
 
@@ -222,11 +220,8 @@ def test_the_gains_come_back_after_a_calm_twice_as_long_after_each_swing():
 def test_a_hold_that_swung_once_is_firm_again_two_minutes_later():
     b = bench(height=0.3, wall=0.3)
     full = b.run(4.0).tuned.share
-    b.state = replace(
-        b.state,
-        swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t),
-        tuned_s=-math.inf,
-    )
+    swing = SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t)
+    b.state = with_plant(b.state, swing=swing, tuned_s=-math.inf)
     assert b.run(1.5).tuned.share < 0.7 * full
     assert b.run(swing_detector._CALM_S).tuned.share == pytest.approx(full)
 
@@ -235,7 +230,7 @@ def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure
     b = bench()
     b.run(2.0)
     slow = AttitudeLoop(0.22, 0.12, source=Source.MEASURED)
-    b.state = replace(b.state, loop=slow, tuned_s=-math.inf)
+    b.state = with_plant(b.state, loop=slow, tuned_s=-math.inf)
     decision = b.run(3.0)
     assert decision.tuned.loop.lag_s == pytest.approx(slow.lag_s)
     assert decision.tuned.share < 1.0
@@ -244,9 +239,8 @@ def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure
 def test_a_hold_weaker_than_the_autopilots_own_does_not_engage():
     b = bench(mode=5)
     b.run(2.0)
-    b.state = replace(
-        b.state, loop=AttitudeLoop(0.22, 0.20, source=Source.MEASURED), tuned_s=-math.inf
-    )
+    slow = AttitudeLoop(0.22, 0.20, source=Source.MEASURED)
+    b.state = with_plant(b.state, loop=slow, tuned_s=-math.inf)
     b.mode = 4
     decision = b.run(1.5)
     assert decision.tuned.margin.meets(plant._WANTED), "stable, and too soft"

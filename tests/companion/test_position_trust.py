@@ -116,7 +116,7 @@ def test_an_untrusted_position_ends_the_hold():
     b.feed(replace(status(101), t_s=b.t))
     decision = b.tick()
     assert Reason.POSITION_UNTRUSTED in decision.reasons
-    assert b.state.hold is None
+    assert b.state.held.hold is None
     assert b.run(0.6).command is None, "letting go takes half a second"
     b.feed(replace(status(GOOD), t_s=b.t))
     assert Reason.POSITION_UNTRUSTED not in b.tick().reasons
@@ -127,7 +127,7 @@ def test_a_reset_of_the_position_moves_the_hold_with_it():
     before = b.run(3.0)
     b.position = (1.0, -0.5)
     after = b.tick()
-    assert b.state.hold.reference.position == pytest.approx([1.0, -0.5, -1.0])
+    assert b.state.held.hold.reference.position == pytest.approx([1.0, -0.5, -1.0])
     assert after.base.pitch == pytest.approx(before.base.pitch, abs=math.radians(0.5))
     assert after.base.roll == pytest.approx(before.base.roll, abs=math.radians(0.5))
 
@@ -137,7 +137,7 @@ def test_a_relocalisation_of_a_quarter_metre_moves_the_hold_with_it():
     before = b.run(3.0)
     b.position = (0.0, -0.25)
     after = b.tick()
-    assert b.state.hold.reference.position == pytest.approx([0.0, -0.25, -1.0])
+    assert b.state.held.hold.reference.position == pytest.approx([0.0, -0.25, -1.0])
     assert after.base.roll == pytest.approx(before.base.roll, abs=math.radians(0.5))
 
 

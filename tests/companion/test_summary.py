@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from companion.control.compensation import Offset
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, HoldsBack, Reason
-from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
+from companion.state.decision import Decision
 from companion.telemetry.summary import Summary
 
 

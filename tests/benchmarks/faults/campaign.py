@@ -19,9 +19,9 @@ from vision import VisionEstimator
 import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.control.state import Decision
 from companion.invariants.auditor import Auditor
 from companion.sim.flight import SimulatedFlight
+from companion.state.decision import Decision
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT

@@ -535,7 +535,7 @@ def disk(number: int) -> Act:
         recorder._file = Failing()  # type: ignore[assignment]
         companion = b.world.companion
         assert companion is not None
-        inner = companion._recorder
+        inner = companion.outbox.recorder
 
         class Both:
             def write(self, arrival_us: int, raw: bytes) -> None:
@@ -545,7 +545,7 @@ def disk(number: int) -> Act:
             def flush(self) -> None:
                 recorder.flush()
 
-        companion._recorder = Both()
+        companion.outbox.recorder = Both()
         b.pilot.notes.append("disk")
 
     return begin
