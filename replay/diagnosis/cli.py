@@ -41,6 +41,12 @@ def add_parser(commands: Any) -> None:
         metavar="FILE",
         help="vehicle file (default: drafted from the logs)",
     )
+    p.add_argument(
+        "--vehicles",
+        type=Path,
+        metavar="DIR",
+        help="of a folder: vehicle files by identity, NAME.toml (default: one draft a vehicle)",
+    )
     _add_draft_options(p)
     p.add_argument(
         "--model",
@@ -114,6 +120,7 @@ def run(a: argparse.Namespace) -> int:
         given,
         of_logs,
         progress_bar,
+        refuse,
         write_answer,
     )
     from replay.diagnosis.amended_model import amended
@@ -129,6 +136,7 @@ def run(a: argparse.Namespace) -> int:
         return run_since(a)
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
+    refuse(a, ("vehicles",), "is of a folder of logs; give --vehicle")
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
@@ -195,7 +203,7 @@ def _check_drafting(a: argparse.Namespace) -> None:
             raise ConfigError(f"--{option} {number:g}: must be above 0 and at most {most:g}")
     if a.vehicle is not None:
         why = "is of a drafted vehicle, and --vehicle gives one; leave one of them out"
-        refuse(a, ("mass", "propeller", "span", "save_vehicle"), why)
+        refuse(a, ("mass", "propeller", "span", "save_vehicle", "vehicles"), why)
 
 
 def _folder(a: argparse.Namespace) -> int:
