@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -32,11 +33,45 @@ _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
 """A draft has these already."""
 
 
-def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) -> int:
-    """The command of ``a`` with these ``options`` on every log below ``folder``. 0 where one was used, else 3.
+@dataclass(frozen=True, kw_only=True)
+class FolderAnswers:
+    """What came of a folder."""
 
-    An interrupted run goes on where it stopped: answers that are in ``--out`` are not computed again.
-    """
+    answers: list[dict[str, Any]]
+    """One a content, in order of name."""
+    notes: list[str]
+    written: dict[str, str]
+    """Table and page."""
+
+    @property
+    def bad(self) -> list[dict[str, Any]]:
+        """Those of logs that could not be used."""
+        return [answer for answer in self.answers if "error" in answer]
+
+
+def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) -> int:
+    """The command of ``a`` with these ``options`` on every log below ``folder``. 0 where one was used, else 3."""
+    check_folder(a)
+    paths, packed = logs_in(folder)
+    found = answer_folder(a, folder, options, paths)
+    errors = [f"{answer['log']}: {answer['error']}" for answer in found.bad]
+    for line in [*packed, *found.notes, *errors]:
+        print(f"replay: {line}", file=sys.stderr)
+    if a.json is not None:
+        write_json({"folder": str(folder), "logs": found.answers, **found.written}, a.json)
+    count = len(found.answers)
+    if speaks(a):
+        print(
+            f"{count - len(found.bad)} of {count} logs\ntable: {found.written['table']}\npage: "
+            f"{found.written['page']}"
+        )
+    if len(found.bad) < count:
+        return 0
+    return LogError.exit_code
+
+
+def check_folder(a: argparse.Namespace) -> None:
+    """A wrong option or file, and a missing package, are said once, before the work."""
     if a.workers is not None and not 1 <= a.workers <= 1024:
         raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
     if a.scheduler is not None and "://" not in a.scheduler:
@@ -44,18 +79,36 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
             f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786"
         )
     check_targets(a)
-    # A wrong file and a missing package are said once, before the work.
     check_declared(a.vehicle, a.model)
     if a.command == "diagnose":
         import_module("replay.diagnosis.diagnose")
-    paths, notes = logs_in(folder)
-    title = f"{folder.resolve().name}-{a.command}"
-    out = a.out or Path(title)
+        if a.vehicles is not None:
+            named(a.vehicles)
+
+
+def out_of(a: argparse.Namespace, folder: Path) -> Path:
+    """Where the answers are."""
+    return a.out or Path(_title(a, folder))
+
+
+def _title(a: argparse.Namespace, folder: Path) -> str:
+    return f"{folder.resolve().name}-{a.command}"
+
+
+def answer_folder(
+    a: argparse.Namespace, folder: Path, options: Mapping[str, Any], paths: Sequence[Path]
+) -> FolderAnswers:
+    """The answers to the logs of ``paths``, kept in ``--out``, and table and page of them.
+
+    An interrupted run goes on where it stopped: answers that are there are not computed again.
+    """
+    title = _title(a, folder)
+    out = out_of(a, folder)
     make_folder("--out", out)
     by_job: dict[Job, dict[str, Any]] = {}
     with _store(a, out) as store:
         found = contents(paths, store)
-        notes += [f"{copy}: is a copy of {first}" for copy, first in found.copies]
+        notes = [f"{copy}: is a copy of {first}" for copy, first in found.copies]
         assigned = _assigned(a, found.logs, out, store)
         notes += assigned.notes
         jobs = _jobs(a, found.logs, options, assigned.files)
@@ -69,19 +122,7 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
             raise
     written = _write(a, out, title, by_job)
     answers = [by_job[job] for job in jobs]
-    bad = [answer for answer in answers if "error" in answer]
-    for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
-        print(f"replay: {line}", file=sys.stderr)
-    if a.json is not None:
-        write_json({"folder": str(folder), "logs": answers, **written}, a.json)
-    if speaks(a):
-        print(
-            f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: "
-            f"{written['page']}"
-        )
-    if len(bad) < len(jobs):
-        return 0
-    return LogError.exit_code
+    return FolderAnswers(answers=answers, notes=notes, written=written)
 
 
 def _jobs(
