@@ -32,6 +32,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for h, d, rpm, wrench in zip(data.h, data.d, data.rpm, data.wrench, strict=True):
         rows.append(",".join(f"{v:.9g}" for v in (h, d, rpm, *wrench)))
     (folder / "fan.csv").write_text("\n".join(rows) + "\n")
+    rows = ["t_s,qw,qx,qy,qz,ax,ay,az,p,q,r"]
+    for k in range(100):
+        rows.append(f"{0.02 * k:.2f},1,0,0,0,0,0,-9.81,0,0,0")
+    (folder / "flight.mycsv").write_text("\n".join(rows) + "\n")
     logs = folder / "logs"
     logs.mkdir()
     os.link(folder / "monday.tlog", logs / "monday.tlog")
@@ -50,6 +54,7 @@ RUNS = {
     "query_surrogate.py": ([], "of lift, trusted"),
     "own_effect.py": (["monday.tlog", "my.toml"], "s of flight judged"),
     "offsets_of_a_log.py": (["monday.tlog", "my.toml"], "decisions; the last: Decision("),
+    "own_log_format.py": (["flight.mycsv"], "100 attitudes"),
     "fleet.py": (["fleet/store.sqlite"], "vehicles by effect"),
 }
 

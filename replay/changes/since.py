@@ -9,6 +9,7 @@ from typing import Any
 
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
+from replay.change_point import change_of_names
 from replay.changes.changes import Baseline, Change, changes, learn
 from replay.diagnosis.diagnose import read_records
 from replay.diagnosis.words import estimate_text, plain
@@ -90,7 +91,7 @@ def since(
         shows = []
         for _, own in flights:
             shows.append([c for c in own if c.name == name])
-        at = _change_point([bool(own) for own in shows])
+        at = change_of_names([bool(own) for own in shows])
         if at is None:
             notes.append(f"{name} on single flights only")
         else:
@@ -122,12 +123,3 @@ def by_date(logs: Sequence[Path]) -> list[Path]:
     if any(d["date_from"] != "log" for d in dates.values()):
         return list(logs)
     return sorted(logs, key=lambda log: dates[log]["date"])
-
-
-def _change_point(named: Sequence[bool]) -> int | None:
-    """The flight from which on an effect is mostly there: likeliest step where names err as often either way."""
-    totals = [sum(1 if there else -1 for there in named[i:]) for i in range(len(named))]
-    best = max(range(len(named)), key=lambda i: totals[i])
-    if totals[best] > 0:
-        return best
-    return None

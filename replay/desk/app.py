@@ -24,7 +24,7 @@ from replay.desk.guard import Guard
 from replay.desk.question import Question, others, rows
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_text
 from replay.desk.work import Work
-from replay.logs.formats import READERS
+from replay.logs.formats import known_suffixes
 
 _HERE = Path(__file__).parent
 _LONGEST_FORM = 1 << 18
@@ -43,7 +43,7 @@ class _Pages:
             "style": PAGE_STYLE,
             "folder": desk.folder,
             "most": most,
-            "suffixes": list(READERS),
+            "suffixes": list(known_suffixes()),
             "step": work.step,
         }
         self._templates.env.globals.update(known)

@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from models.common.errors import ConfigError
-from replay.logs.formats import READERS
+from replay.logs.formats import known_suffixes
 
 MOST_BYTES = 2 << 30
 """Of one log."""
@@ -159,8 +159,9 @@ def safe_name(name: str) -> str:
     """The last part of a name, without signs that mean something to a file system or a shell. Raises HTTPException."""
     last = re.split(r"[/\\]", name)[-1]
     safe = re.sub(r"[^\w.() +-]", "_", last).lstrip(". -")[-120:]
-    if Path(safe).suffix.lower() not in READERS:
-        raise HTTPException(415, f"{safe or 'the file'}: is no log; logs are {', '.join(READERS)}")
+    suffixes = known_suffixes()
+    if Path(safe).suffix.lower() not in suffixes:
+        raise HTTPException(415, f"{safe or 'the file'}: is no log; logs are {', '.join(suffixes)}")
     return safe
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,21 @@ def add_parser(commands: Any) -> None:
         type=vehicle_path,
         metavar="FILE",
         help="vehicle file (default: drafted from the logs)",
+    )
+    p.add_argument(
+        "--vehicles",
+        type=Path,
+        metavar="DIR",
+        help="of a folder: vehicle files by identity, NAME.toml (default: one draft a vehicle)",
+    )
+    p.add_argument(
+        "--watch",
+        nargs="?",
+        type=float,
+        const=0.0,
+        metavar="SECONDS",
+        help="of a folder: say only what is new since the last look; with SECONDS look again and "
+        "again (exit codes: docs/logs.md)",
     )
     _add_draft_options(p)
     p.add_argument(
@@ -114,6 +130,7 @@ def run(a: argparse.Namespace) -> int:
         given,
         of_logs,
         progress_bar,
+        refuse,
         write_answer,
     )
     from replay.diagnosis.amended_model import amended
@@ -129,6 +146,7 @@ def run(a: argparse.Namespace) -> int:
         return run_since(a)
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
+    refuse(a, ("vehicles", "watch"), "is of a folder of logs")
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
@@ -195,12 +213,13 @@ def _check_drafting(a: argparse.Namespace) -> None:
             raise ConfigError(f"--{option} {number:g}: must be above 0 and at most {most:g}")
     if a.vehicle is not None:
         why = "is of a drafted vehicle, and --vehicle gives one; leave one of them out"
-        refuse(a, ("mass", "propeller", "span", "save_vehicle"), why)
+        refuse(a, ("mass", "propeller", "span", "save_vehicle", "vehicles"), why)
 
 
 def _folder(a: argparse.Namespace) -> int:
     from replay.command import refuse
-    from replay.fleet.folder import run_folder
+    from replay.fleet.folder import check_folder, run_folder
+    from replay.fleet.watch import watch
 
     if len(a.logs) > 1:
         raise ConfigError(
@@ -211,6 +230,10 @@ def _folder(a: argparse.Namespace) -> int:
         said = f"a folder's logs may be of several vehicles; {instead} --{option.replace('_', '-')}"
         refuse(a, (option,), said)
     refuse(a, ("set",), f"names an instance of one log; give that log, not the folder {a.logs[0]}")
-    return run_folder(
-        a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span}
-    )
+    options = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span}
+    if a.watch is None:
+        return run_folder(a, a.logs[0], options)
+    if not 0.0 <= a.watch < math.inf:
+        raise ConfigError(f"--watch {a.watch:g}: must be 0 (one look) or seconds between looks")
+    check_folder(a)
+    return watch(a, a.logs[0], options, a.watch or None)

@@ -6,8 +6,9 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,22 +18,60 @@ from tqdm import tqdm
 from models.common.arguments import installed_version, speaks
 from models.common.errors import ConfigError, LogError
 from models.common.pages.document import write_document
-from models.common.text_file import write_json
-from replay.command import check_declared, check_targets
+from models.common.text_file import make_folder, write_json
+from replay.command import check_declared, check_targets, given
+from replay.fleet.contents import contents
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page
 from replay.fleet.results import keep, known, logs_in, table
 from replay.fleet.store import NAME, Store
+from replay.fleet.vehicles import Assigned, assign, named
 
 SAY_EVERY_S = 30.0
 """Between two lines of a run whose output is redirected."""
+_UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
+"""A draft has these already."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderAnswers:
+    """What came of a folder."""
+
+    answers: list[dict[str, Any]]
+    """One a content, in order of name."""
+    notes: list[str]
+    written: dict[str, str]
+    """Table and page."""
+
+    @property
+    def bad(self) -> list[dict[str, Any]]:
+        """Those of logs that could not be used."""
+        return [answer for answer in self.answers if "error" in answer]
 
 
 def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) -> int:
-    """The command of ``a`` with these ``options`` on every log below ``folder``. 0 where one was used, else 3.
+    """The command of ``a`` with these ``options`` on every log below ``folder``. 0 where one was used, else 3."""
+    check_folder(a)
+    paths, packed = logs_in(folder)
+    found = answer_folder(a, folder, options, paths)
+    errors = [f"{answer['log']}: {answer['error']}" for answer in found.bad]
+    for line in [*packed, *found.notes, *errors]:
+        print(f"replay: {line}", file=sys.stderr)
+    if a.json is not None:
+        write_json({"folder": str(folder), "logs": found.answers, **found.written}, a.json)
+    count = len(found.answers)
+    if speaks(a):
+        print(
+            f"{count - len(found.bad)} of {count} logs\ntable: {found.written['table']}\npage: "
+            f"{found.written['page']}"
+        )
+    if len(found.bad) < count:
+        return 0
+    return LogError.exit_code
 
-    An interrupted run goes on where it stopped: answers that are in ``--out`` are not computed again.
-    """
+
+def check_folder(a: argparse.Namespace) -> None:
+    """A wrong option or file, and a missing package, are said once, before the work."""
     if a.workers is not None and not 1 <= a.workers <= 1024:
         raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
     if a.scheduler is not None and "://" not in a.scheduler:
@@ -40,92 +79,143 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
             f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786"
         )
     check_targets(a)
-    # A wrong file and a missing package are said once, before the work.
     check_declared(a.vehicle, a.model)
     if a.command == "diagnose":
         import_module("replay.diagnosis.diagnose")
-    paths, notes = logs_in(folder)
-    title = f"{folder.resolve().name}-{a.command}"
-    out = a.out or Path(title)
+        if a.vehicles is not None:
+            named(a.vehicles)
+
+
+def out_of(a: argparse.Namespace, folder: Path) -> Path:
+    """Where the answers are."""
+    return a.out or Path(_title(a, folder))
+
+
+def _title(a: argparse.Namespace, folder: Path) -> str:
+    return f"{folder.resolve().name}-{a.command}"
+
+
+def answer_folder(
+    a: argparse.Namespace, folder: Path, options: Mapping[str, Any], paths: Sequence[Path]
+) -> FolderAnswers:
+    """The answers to the logs of ``paths``, kept in ``--out``, and table and page of them.
+
+    An interrupted run goes on where it stopped: answers that are there are not computed again.
+    """
+    title = _title(a, folder)
+    out = out_of(a, folder)
+    make_folder("--out", out)
+    by_job: dict[Job, dict[str, Any]] = {}
+    with _store(a, out) as store:
+        found = contents(paths, store)
+        notes = [f"{copy}: is a copy of {first}" for copy, first in found.copies]
+        assigned = _assigned(a, found.logs, out, store)
+        notes += assigned.notes
+        jobs = _jobs(a, found.logs, options, assigned.files)
+        try:
+            for job, answer in _answers(a, out, jobs, store, assigned.facts):
+                by_job[job] = answer
+        except BaseException:
+            # An interrupted run shows what it has; one that never began changes no table.
+            if by_job:
+                _write(a, out, title, by_job)
+            raise
+    written = _write(a, out, title, by_job)
+    answers = [by_job[job] for job in jobs]
+    return FolderAnswers(answers=answers, notes=notes, written=written)
+
+
+def _jobs(
+    a: argparse.Namespace,
+    logs: Mapping[str, Path],
+    options: Mapping[str, Any],
+    vehicles: Mapping[str, Path],
+) -> list[Job]:
+    """One job for every content; ``logs`` and ``vehicles`` by sha256. A log that is gone meanwhile is left out."""
     if a.report is None:
         pages = None
     else:
         pages = (a.report / "logs").resolve()
-    places = {
+    common = {**options, **_places(a)}
+    jobs = []
+    for sha256, log in logs.items():
+        of_log = common
+        if sha256 in vehicles:
+            of_log = {**common, **_UNDRAFTED, "--vehicle": vehicles[sha256]}
+        try:
+            jobs.append(Job.of(a.command, log, of_log, pages, sha256))
+        except OSError as error:
+            print(f"replay: {log}: {error.strerror or error}", file=sys.stderr)
+    return jobs
+
+
+def _places(a: argparse.Namespace) -> dict[str, Any]:
+    """Options that every log has alike; places are absolute."""
+    model = a.model
+    if model is not None and Path(model).is_dir():
+        model = Path(model).resolve()
+    return {
         "--vehicle": None if a.vehicle is None else a.vehicle.resolve(),
-        "--model": Path(a.model).resolve()
-        if a.model is not None and Path(a.model).is_dir()
-        else a.model,
+        "--model": model,
         "--target-system": a.target_system,
     }
-    jobs, copies = _jobs(a, paths, {**options, **places}, pages)
-    notes += [f"{copy}: is a copy of {first}" for copy, first in copies]
-    out.mkdir(parents=True, exist_ok=True)
-    by_job: dict[Job, dict[str, Any]] = {}
-    try:
-        for job, answer in _answers(a, out, jobs):
-            by_job[job] = answer
-    except BaseException:
-        # An interrupted run shows what it has; one that never began changes no table.
-        if by_job:
-            _write(a, out, title, by_job)
-        raise
-    written = _write(a, out, title, by_job)
-    answers = [by_job[job] for job in jobs]
-    bad = [answer for answer in answers if "error" in answer]
-    for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
-        print(f"replay: {line}", file=sys.stderr)
-    if a.json is not None:
-        write_json({"folder": str(folder), "logs": answers, **written}, a.json)
-    if speaks(a):
-        print(
-            f"{len(jobs) - len(bad)} of {len(jobs)} logs\ntable: {written['table']}\npage: "
-            f"{written['page']}"
-        )
-    if len(bad) < len(jobs):
-        return 0
-    return LogError.exit_code
 
 
-def _jobs(
-    a: argparse.Namespace, paths: Sequence[Path], options: Mapping[str, Any], pages: Path | None
-) -> tuple[list[Job], list[tuple[Path, Path]]]:
-    """One job for every content, and which log is a copy of which. A log that vanished meanwhile is left out."""
-    jobs: dict[str, Job] = {}
-    copies = []
-    for path in paths:
-        try:
-            job = Job.of(a.command, path.resolve(), options, pages)
-        except OSError as error:
-            print(f"replay: {path}: {error.strerror or error}", file=sys.stderr)
-            continue
-        if job.sha256 in jobs:
-            copies.append((path, jobs[job.sha256].log))
-        else:
-            jobs[job.sha256] = job
-    return list(jobs.values()), copies
+def _assigned(
+    a: argparse.Namespace, logs: Mapping[str, Path], out: Path, store: Store | None
+) -> Assigned:
+    """Vehicle files by identity: those of ``--vehicles``, and drafts; none where one is given for all."""
+    if store is None or a.vehicle is not None:
+        return Assigned()
+    return assign(
+        logs,
+        {} if a.vehicles is None else named(a.vehicles),
+        given(a),
+        target_system=a.target_system,
+        out=out.resolve(),
+        store=store,
+        workers=_workers(a),
+    )
+
+
+def _workers(a: argparse.Namespace) -> int:
+    return a.workers or len(os.sched_getaffinity(0))
 
 
 def _answers(
-    a: argparse.Namespace, out: Path, jobs: Sequence[Job]
+    a: argparse.Namespace,
+    out: Path,
+    jobs: Sequence[Job],
+    store: Store | None,
+    drafts: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Those of an earlier run, and what had to be worked out, which is kept for the next."""
+    """Those of an earlier run, and what had to be worked out, which is kept for the next.
+
+    ``drafts``: what the logs' vehicles are drafted from, by sha256.
+    """
     old = {job: _known(a, out, job) for job in jobs}
     waiting = [job for job in jobs if old[job] is None]
     told = [job for job in jobs if old[job] is not None]
     if told and speaks(a):
         print(f"{len(jobs)} logs, {len(told)} of them known from before")
-    with _stored(a, out) as store:
-        for job, answer in old.items():
-            if answer is not None:
-                store(job, answer)
-                yield job, {**answer, "page": job.link}
-        if waiting:
-            working = work(waiting, a.workers or len(os.sched_getaffinity(0)), a.scheduler)
-            for job, answer in _counted(a, working, len(jobs), len(told)):
-                keep(out, job, answer)
-                store(job, answer)
-                yield job, {**answer, "page": job.link}
+    for job, answer in old.items():
+        if answer is not None:
+            _into(store, job, answer)
+            yield job, {**answer, "page": job.link}
+    if waiting:
+        working = work(waiting, _workers(a), a.scheduler)
+        for job, found in _counted(a, working, len(jobs), len(told)):
+            answer = dict(found)
+            if job.sha256 in drafts and "error" not in answer:
+                answer["vehicle"] = drafts[job.sha256]
+            keep(out, job, answer)
+            _into(store, job, answer)
+            yield job, {**answer, "page": job.link}
+
+
+def _into(store: Store | None, job: Job, answer: Mapping[str, Any]) -> None:
+    if store is not None:
+        store.add(job.question, answer)
 
 
 def _known(a: argparse.Namespace, out: Path, job: Job) -> dict[str, Any] | None:
@@ -141,13 +231,13 @@ def _known(a: argparse.Namespace, out: Path, job: Job) -> dict[str, Any] | None:
 
 
 @contextmanager
-def _stored(a: argparse.Namespace, out: Path) -> Iterator[Callable[[Job, Mapping[str, Any]], None]]:
-    """What puts an answer into the store of the folder; replays have none."""
+def _store(a: argparse.Namespace, out: Path) -> Iterator[Store | None]:
+    """The store of the folder; replays have none."""
     if a.command != "diagnose":
-        yield lambda job, answer: None
+        yield None
         return
     with Store.open(out / NAME, make=True) as store:
-        yield lambda job, answer: store.add(job.question, answer)
+        yield store
 
 
 def _counted(

@@ -48,9 +48,17 @@ class Job:
 
     @classmethod
     def of(
-        cls, command: str, log: Path, options: Mapping[str, Any], pages: Path | None = None
+        cls,
+        command: str,
+        log: Path,
+        options: Mapping[str, Any],
+        pages: Path | None = None,
+        sha256: str | None = None,
     ) -> Job:
-        """``options`` by their names on the command line; those that are None are left out, of lists each is given."""
+        """``options`` by their names on the command line; those that are None are left out, of lists each is given.
+
+        ``sha256``: of the log, where it is known. Raises OSError where the log is gone.
+        """
         words = []
         for option, value in options.items():
             words += [
@@ -63,12 +71,10 @@ class Job:
         for file in (vehicle, model / "model.json", model / "weights.npz"):
             if file.is_file():
                 digest.update(file.read_bytes())
-        with log.open("rb") as content_file:
-            content = hashlib.file_digest(content_file, "sha256").hexdigest()
         return cls(
             log=log,
             words=(command, str(log), *words),
-            sha256=content,
+            sha256=sha256 or content_hash(log),
             question=digest.hexdigest()[:_DIGITS],
             pages=pages,
         )
@@ -91,6 +97,12 @@ class Job:
         if self.page is not None and self.page.is_file():
             return f"logs/{self.name}/report.html"
         return None
+
+
+def content_hash(log: Path) -> str:
+    """The sha256 of a file. Raises OSError."""
+    with log.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 _running: list[subprocess.Popen[str]] = []

@@ -13,7 +13,7 @@ from typing import Any
 from models.common.errors import LogError
 from models.common.pages.document import write_document
 from replay.fleet.jobs import Job
-from replay.logs.formats import READERS
+from replay.logs.formats import known_suffixes
 
 _COLUMNS = (
     "log",
@@ -45,16 +45,17 @@ _COLUMNS = (
 
 def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
     """Every log below a folder in order of name, and a line for what looks like one and cannot be read."""
+    suffixes = known_suffixes()
     files = sorted(p for p in folder.rglob("*") if p.is_file())
-    found = [p for p in files if p.suffix.lower() in READERS]
+    found = [p for p in files if p.suffix.lower() in suffixes]
     packed = [
         p
         for p in files
-        if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in READERS
+        if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in suffixes
     ]
     notes = [f"{p}: is compressed: unpack it first" for p in packed]
     if not found:
-        known = ", ".join(READERS)
+        known = ", ".join(suffixes)
         raise LogError(f"{folder}: holds no log ({known}){'; ' + notes[0] if notes else ''}")
     return found, notes
 

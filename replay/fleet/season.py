@@ -1,31 +1,20 @@
-"""``replay season``: what the answers of a store say of every vehicle over time.
-
-Sizes of one parameter on several logs differ by their errors and by their flights: y_i ~ N(m, s_i^2 + tau^2), tau by
-DerSimonian & Laird 1986, Controlled Clinical Trials 7, 177. A change is the split into two means that is likeliest. It
-is named where it is likelier than one mean, the mean more and its place paid for (Schwarz 1978, The Annals of
-Statistics 6, 461), and how seldom a parameter changes.
-"""
+"""``replay season``: what the answers of a store say of every vehicle over time."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
 
 import numpy as np
 
-from models.common.frames import Array
+from replay.change_point import change_of_sizes
 from replay.fleet.store import Row, Store
 
-LEAST = 4
-"""Logs without which no change over time is looked for, two on either side of it."""
-SIDE = 2
-RARE = 0.01
-"""Probability that a parameter changes in a season, before anything was seen."""
-SURE = 1.0
-"""Log odds from which a change is named."""
+FLEET = 2
+"""Vehicles, of which an effect can be common."""
 WIDTH = 2.0 * 1.96
 """Of a 95 % interval, in standard deviations."""
 OFTEN = 0.5
@@ -125,19 +114,42 @@ class Season:
         return "\n".join(lines)
 
 
-def season(store: Store, vehicle: str | None = None) -> Season:
-    """Every vehicle, or the one of that name, by the newest answer to every log."""
-    logs = _newest(store)
+@dataclass(frozen=True)
+class Wanted:
+    """What of a store is asked about; None: all."""
+
+    vehicle: str | None = None
+    effect: str | None = None
+    first: date | None = None
+    last: date | None = None
+    """Days, both included."""
+
+    def has(self, row: Row) -> bool:
+        """Whether a log is of the vehicle and of these days."""
+        day = (row["date"] or "")[:10]
+        if self.first is not None and day < self.first.isoformat():
+            return False
+        if self.last is not None and day > self.last.isoformat():
+            return False
+        return self.vehicle in (None, row["vehicle"])
+
+
+ALL = Wanted()
+
+
+def season(store: Store, wanted: Wanted = ALL) -> Season:
+    """The vehicles, by the newest answer to every log."""
     by_vehicle: dict[str, list[Row]] = {}
     unknown = []
-    for row in logs:
+    for row in filter(wanted.has, _newest(store)):
         if row["vehicle"] is None:
             unknown.append((row["path"], row["error"] or "does not say"))
-        elif vehicle in (None, row["vehicle"]):
+        else:
             by_vehicle.setdefault(row["vehicle"], []).append(row)
     effects: dict[tuple[str, str], list[Row]] = {}
     for row in store.rows("SELECT * FROM effects"):
-        effects.setdefault((row["sha256"], row["question"]), []).append(row)
+        if wanted.effect in (None, row["effect"]):
+            effects.setdefault((row["sha256"], row["question"]), []).append(row)
     vehicles = tuple(_vehicle(name, rows, effects) for name, rows in sorted(by_vehicle.items()))
     return Season(vehicles=vehicles, common=_common(vehicles), unknown=tuple(unknown))
 
@@ -210,58 +222,22 @@ def _courses(logs: Sequence[Row], of_log: Mapping[str, Sequence[Row]]) -> Iterab
 
 def change_of(sizes: Sequence[Sized]) -> SizeChange | None:
     """The likeliest change of a parameter over its logs; None where one mean will do."""
-    count = len(sizes)
-    if count < LEAST:
+    values = np.array([s.value for s in sizes])
+    step = change_of_sizes(values, np.array([s.sd for s in sizes]))
+    if step is None:
         return None
-    y = np.array([s.value for s in sizes])
-    variance = np.array([s.sd**2 for s in sizes])
-    whole = _log_likelihood(y, variance + _between(y, variance))
-    best: tuple[float, int, float] | None = None
-    for k in range(SIDE, count - SIDE + 1):
-        tau2 = 0.5 * (_between(y[:k], variance[:k]) + _between(y[k:], variance[k:]))
-        spread = variance + tau2
-        split = _log_likelihood(y[:k], spread[:k]) + _log_likelihood(y[k:], spread[k:])
-        if best is None or split > best[0]:
-            best = (split, k, tau2)
-    assert best is not None
-    split, k, tau2 = best
-    log_odds = split - whole - 1.5 * math.log(count) + math.log(RARE / (1.0 - RARE))
-    if log_odds < SURE:
-        return None
-    spread = variance + tau2
     return SizeChange(
-        since=sizes[k].log,
-        date=sizes[k].date,
-        before=_mean(y[:k], spread[:k]),
-        after=_mean(y[k:], spread[k:]),
-        log_odds=float(log_odds),
+        since=sizes[step.at].log,
+        date=sizes[step.at].date,
+        before=step.before,
+        after=step.after,
+        log_odds=step.log_odds,
     )
-
-
-def _mean(y: Array, variance: Array) -> float:
-    return float(np.average(y, weights=1.0 / variance))
-
-
-def _log_likelihood(y: Array, variance: Array) -> float:
-    """Of one mean."""
-    off = y - _mean(y, variance)
-    return float(-0.5 * (off**2 / variance + np.log(variance)).sum())
-
-
-def _between(y: Array, variance: Array) -> float:
-    """Variance between logs, tau^2, by the method of moments."""
-    weight = 1.0 / variance
-    off = y - _mean(y, variance)
-    q = float((weight * off**2).sum())
-    scale = float(weight.sum() - (weight**2).sum() / weight.sum())
-    if scale <= 0.0:
-        return 0.0
-    return max((q - (len(y) - 1)) / scale, 0.0)
 
 
 def _common(vehicles: Sequence[VehicleSeason]) -> tuple[str, ...]:
     judged = [v for v in vehicles if v.judged]
-    if len(judged) < LEAST // 2:
+    if len(judged) < FLEET:
         return ()
     count: Counter[str] = Counter()
     for v in judged:

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
+from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from replay.pipeline_options import EXIT_CODES
-
-if TYPE_CHECKING:
-    from replay.fleet.season import Season
 
 CHANGED = 1
 """Exit code of ``--alarm``: something changed, or is new."""
@@ -31,65 +27,63 @@ def add_parser(commands: Any) -> None:
         "store", type=Path, metavar="STORE", help="store.sqlite, or the folder that holds it"
     )
     p.add_argument("--vehicle", metavar="NAME", help="only this vehicle, as the text names it")
+    p.add_argument("--effect", metavar="NAME", help="only this effect")
+    p.add_argument("--from", dest="first", type=_day, metavar="DAY", help="first day, 2026-05-31")
+    p.add_argument("--to", dest="last", type=_day, metavar="DAY", help="last day")
     p.add_argument(
         "--alarm",
         action="store_true",
         help=f"exit code {CHANGED} where a size changed, or the last log of a vehicle has a new "
         "effect (for a job that runs every night)",
     )
-    p.add_argument("--csv", type=Path, metavar="FILE", help="write every size, a row each")
+    p.add_argument(
+        "--view",
+        choices=("sizes", "changes", "vehicles", "unjudged"),
+        default="sizes",
+        help="of --csv and --parquet: what has a row (default: sizes)",
+    )
+    p.add_argument("--csv", type=Path, metavar="FILE", help="write the view as CSV")
+    p.add_argument(
+        "--parquet", type=Path, metavar="FILE", help="write it as Parquet (extra: export)"
+    )
     p.add_argument("--report", type=Path, metavar="DIR", help="write the page, as report.html")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no text")
     p.set_defaults(run=run)
 
 
+def _day(text: str) -> date:
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is no day such as 2026-05-31") from None
+
+
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
     from models.common.errors import ConfigError
-    from models.common.pages.document import write_document
     from replay.command import check_targets, write_answer
-    from replay.fleet.season import season
+    from replay.fleet.season import Wanted, season
     from replay.fleet.season_page import page
+    from replay.fleet.season_tables import check_parquet, write_csv, write_parquet
     from replay.fleet.store import Store
 
     check_targets(a)
+    if a.parquet is not None:
+        check_parquet()
+    wanted = Wanted(a.vehicle, a.effect, a.first, a.last)
     with Store.open(a.store) as store:
-        found = season(store, a.vehicle)
+        found = season(store, wanted)
     if a.vehicle is not None and not found.vehicles:
-        raise ConfigError(f"--vehicle {a.vehicle}: the store has no log of it")
+        raise ConfigError(f"--vehicle {a.vehicle}: the store has no log of it on these days")
     if a.csv is not None:
-        write_document("--csv", a.csv, as_csv(found))
+        write_csv(found, a.view, a.csv)
+    if a.parquet is not None:
+        write_parquet(found, a.view, a.parquet)
     content = {"store": str(a.store), **found.as_json()}
     write_answer(a, content, [found.as_text()], lambda: page(found))
     alarm = any(v.changed or v.new for v in found.vehicles)
     if a.alarm and alarm:
         return CHANGED
     return 0
-
-
-def as_csv(found: Season) -> str:
-    """A row for every size of every log."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ("vehicle", "date", "log", "effect", "parameter", "value", "low", "high", "unit")
-    )
-    for v in found.vehicles:
-        for course in v.courses:
-            for s in course.sizes:
-                writer.writerow(
-                    (
-                        v.vehicle,
-                        s.date,
-                        s.log,
-                        course.effect,
-                        course.parameter,
-                        s.value,
-                        s.low,
-                        s.high,
-                        course.unit,
-                    )
-                )
-    return text.getvalue()

@@ -31,6 +31,7 @@ def page(found: Season) -> str:
         head=head,
         verdict="What the logs say of every vehicle",
         sentences=[f"Next: {step}"],
+        effects=sorted({course.effect for v in found.vehicles for course in v.courses}),
         vehicles=[_shown(v) for v in (*changed, *others)],
         common=list(found.common),
         unknown=list(found.unknown),
@@ -43,20 +44,27 @@ def _shown(v: VehicleSeason) -> dict[str, object]:
         assert course.change is not None
         change = course.change
         changes.append(
-            (
-                f"{course.effect} {course.parameter}",
-                f"{change.before:.3g}",
-                f"{change.after:.3g} {course.unit}",
-                change.since,
-            )
+            {
+                "effect": course.effect,
+                "size": f"{course.effect} {course.parameter}",
+                "before": f"{change.before:.3g}",
+                "after": f"{change.after:.3g} {course.unit}",
+                "log": change.since,
+                "date": change.date,
+            }
         )
+    plots = []
+    for course in v.courses:
+        if len(course.sizes) >= LEAST:
+            plots.append({"effect": course.effect, "svg": _plot(course)})
     kind = ", ".join(text for text in (v.frame, v.firmware) if text)
     return {
         "name": v.vehicle,
+        "last": v.last,
         "about": f"{kind}: {v.judged} logs judged, {v.first[:10]} to {v.last[:10]}",
         "changes": changes,
         "new": list(v.new),
-        "plots": "".join(_plot(c) for c in v.courses if len(c.sizes) >= LEAST),
+        "plots": plots,
         "not_judged": list(v.not_judged),
     }
 

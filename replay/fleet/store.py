@@ -7,7 +7,7 @@ SQLite, since it is part of Python, is one file, and lets several runs write in 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,16 @@ CREATE TABLE IF NOT EXISTS effects (
 );
 CREATE TABLE IF NOT EXISTS faults (
     sha256 TEXT NOT NULL, question TEXT NOT NULL, channel TEXT NOT NULL, what TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS files (
+    path TEXT PRIMARY KEY, bytes INTEGER NOT NULL, changed_ns INTEGER NOT NULL, sha256 TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS identities (
+    sha256 TEXT PRIMARY KEY, vehicle TEXT NOT NULL, board TEXT NOT NULL, firmware TEXT NOT NULL,
+    frame TEXT NOT NULL, parameters TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS drafts (
+    name TEXT PRIMARY KEY, logs INTEGER NOT NULL, given TEXT NOT NULL, facts TEXT NOT NULL
 );
 CREATE INDEX IF NOT EXISTS effects_of_log ON effects (sha256, question);
 CREATE INDEX IF NOT EXISTS faults_of_log ON faults (sha256, question);
@@ -87,6 +97,14 @@ class Store:
                     "INSERT INTO faults VALUES (?, ?, ?, ?)",
                     (*key, fault["channel"], fault["what"]),
                 )
+
+    def put(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        """Whole rows of a table, in place of older ones of the same key."""
+        if not rows:
+            return
+        marks = ", ".join("?" * len(rows[0]))
+        with self._connection as c:
+            c.executemany(f"INSERT OR REPLACE INTO {table} VALUES ({marks})", rows)
 
     def rows(self, query: str, values: tuple[Any, ...] = ()) -> list[sqlite3.Row]:
         """What a query finds."""

@@ -1,6 +1,7 @@
 """Log formats by suffix, or by content where the suffix says nothing.
 
-A new one is a line here and a module with a function ``read(path, target_system) -> list[FlightLog]``.
+A new one is a line here and a module with a function ``read(path, target_system) -> list[FlightLog]``; other packages
+bring theirs by entry point (``plugins.py``).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from companion.mavlink.wire_frames import Counts, walk
 from models.common.errors import LogError
 from replay.flightlog import FlightLog
 from replay.logs.files import HEAD_BYTES, is_text_dataflash
+from replay.logs.plugins import plugin_reader, plugin_suffixes
 from replay.logs.rotor_speeds import with_believable_speeds
 from replay.sources.choose import chosen
 
@@ -22,7 +24,7 @@ READERS = {
     ".bin": "replay.logs.bin_flightlog",
     ".ulg": "replay.logs.ulg",
 }
-"""Suffix (lower case) to the module that reads it; imported when needed."""
+"""Suffix (lower case) to the module that reads it; imported when needed. Other packages cannot replace these."""
 
 _STARTS = {b"\xa3\x95\x80": ".bin", b"ULog\x01\x12\x35": ".ulg"}
 """First bytes of the formats that have such: a DataFlash log begins with a FMT message."""
@@ -33,6 +35,11 @@ _FRAMES = 3
 _PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
 
 
+def known_suffixes() -> tuple[str, ...]:
+    """All that can be read, those of other packages last."""
+    return (*READERS, *(suffix for suffix in plugin_suffixes() if suffix not in READERS))
+
+
 def suffix_of(path: Path) -> str:
     """The suffix that a log has, or should have by its content (tools name it .log, .raw, .dat); or LogError."""
     suffix = path.suffix.lower()
@@ -40,6 +47,8 @@ def suffix_of(path: Path) -> str:
         known = _by_content(path)
         if known is not None:
             return known
+        if suffix in plugin_suffixes():
+            return suffix
         if suffix in _PACKED:
             advice = "; unpack it first"
         else:
@@ -49,7 +58,7 @@ def suffix_of(path: Path) -> str:
         else:
             what = "no suffix"
         raise LogError(
-            f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}"
+            f"{path}: {what} is no known log format; known: {', '.join(known_suffixes())}{advice}"
         )
     return suffix
 
@@ -105,6 +114,16 @@ def load(
         )
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
-    reader: Any = import_module(READERS[suffix_of(path)])
-    logs: list[FlightLog] = reader.read(path, target_system)
+    logs = _read(path, target_system)
     return [chosen(with_believable_speeds(log), settings) for log in logs]
+
+
+def _read(path: Path, target_system: int | None) -> list[FlightLog]:
+    suffix = suffix_of(path)
+    if suffix in READERS:
+        module: Any = import_module(READERS[suffix])
+        logs: list[FlightLog] = module.read(path, target_system)
+        return logs
+    read = plugin_reader(suffix)
+    assert read is not None, "the suffix is known"
+    return read(path)

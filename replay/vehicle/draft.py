@@ -43,7 +43,7 @@ from replay.vehicle.fit import ThrustFit, fit_records, free_flight, hovering
 INCH_M = 0.0254
 _OPTIONS = {"mass_kg": "--mass KG", "rotor_radius_m": "--propeller INCH", "position_m": "--span M"}
 _GUESSED = "a guess"
-_LOGS = 12
+LOGS = 12
 """So many logs are looked at; the others are taken to be of the same vehicle."""
 _STRETCHES = 8
 """So many are enough for a hover; of a long log one is 32 MiB."""
@@ -128,7 +128,7 @@ def draft(
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
     read: dict[Path, list[FlightLog]] = {}
-    logs = _flown(paths[:_LOGS], target_system, given.settings, read)
+    logs = _flown(paths[:LOGS], target_system, given.settings, read)
     parameters = {}
     for log in reversed(logs):
         for key, value in log.parameters.items():

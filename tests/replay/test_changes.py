@@ -14,8 +14,9 @@ from diagnose_noise import noise_record
 
 from companion.vehicles import default_vehicle
 from models.effects import get
+from replay.change_point import change_of_names
 from replay.changes.changes import Baseline, Change, changes, learn
-from replay.changes.since import ChangeReport, _change_point, by_date, page
+from replay.changes.since import ChangeReport, by_date, page
 from replay.cli import main
 from replay.residual.record import Record
 
@@ -69,9 +70,9 @@ def test_a_moved_battery_is_named(good: Baseline) -> None:
 
 
 def test_a_change_is_there_from_the_log_since_which_most_show_it() -> None:
-    assert _change_point([False, False, True, True, False, True]) == 2
-    assert _change_point([False, True, False, False]) is None
-    assert _change_point([True]) == 0
+    assert change_of_names([False, False, True, True, False, True]) == 2
+    assert change_of_names([False, True, False, False]) is None
+    assert change_of_names([True]) == 0
 
 
 def test_the_answer_as_json_text_and_page(good: Baseline) -> None:

@@ -6,19 +6,24 @@ import csv
 import json
 import shutil
 import sqlite3
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import quad_flight, write_tlog
 
 from companion.vehicles import QUAD
 from models.common.errors import ConfigError
 from replay.cli import main
-from replay.fleet.season import Sized, change_of, season
+from replay.fleet.season import Sized, Wanted, change_of, season
+from replay.fleet.season_page import page
+from replay.fleet.season_tables import VIEWS
 from replay.fleet.store import NAME, SCHEMA, Store
 
 DAY = "2026-05-{:02d}T10:00:00Z"
@@ -127,6 +132,80 @@ def test_what_is_new_and_what_cannot_be_judged(store: Store) -> None:
     assert vehicle.new == ("thrust_scale",)
     assert vehicle.judged == 3
     assert vehicle.not_judged == (("/logs/board-A/4.tlog", "no accelerometer"),)
+
+
+def test_one_vehicle_one_effect_or_some_days(store: Store) -> None:
+    for day in range(1, 13):
+        store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
+        store.add("q", answer(day, vehicle="board-B"))
+    (only,) = season(store, Wanted(vehicle="board-B")).vehicles
+    assert only.vehicle == "board-B"
+    assert not any(v.courses for v in season(store, Wanted(effect="payload")).vehicles)
+    some = season(store, Wanted(first=date(2026, 5, 8), last=date(2026, 5, 10)))
+    assert [v.judged for v in some.vehicles] == [3, 3]
+    assert not some.vehicles[0].changed, "it had changed before"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_every_view_as_csv_and_parquet(store: Store, tmp_path: Path, view: str) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    for day in range(1, 13):
+        store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
+    store.add("q", answer(13, effects=[], error="no accelerometer"))
+    files = [tmp_path / f"view.{kind}" for kind in ("csv", "parquet")]
+    places = ["--view", view, "--csv", str(files[0]), "--parquet", str(files[1])]
+    assert main(["season", str(store.path), "--quiet", *places]) == 0
+    with files[0].open() as file:
+        as_text = list(csv.DictReader(file))
+    rows = parquet.read_table(files[1]).to_pylist()
+    assert len(rows) == {"sizes": 12, "changes": 1, "vehicles": 1, "unjudged": 1}[view]
+    assert [{key: str(value) for key, value in row.items()} for row in rows] == as_text
+    assert list(rows[0]) == list(VIEWS[view].columns)
+
+
+def test_without_pyarrow_csv_is_offered(
+    store: Store, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["season", str(store.path), "--parquet", "out.parquet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "needs the package pyarrow" in line
+    assert "--csv" in line
+
+
+def test_a_day_that_is_none_is_said(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["season", str(store.path), "--from", "june"])
+    assert "june is no day" in capsys.readouterr().err
+
+
+def test_the_page_says_what_its_filters_need(store: Store) -> None:
+    for day in range(1, 13):
+        store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
+    text = page(season(store))
+    assert '<section data-vehicle="board-A" data-date="2026-05-12T10:00:00Z">' in text
+    assert '<tr data-effect="thrust_scale" data-date="2026-05-07T10:00:00Z">' in text
+    assert '<div data-effect="thrust_scale"><figure>' in text
+    assert "<option>thrust_scale</option>" in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_the_filters_of_the_page_in_a_browser(store: Store, tmp_path: Path) -> None:
+    for day in range(1, 13):
+        store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
+        store.add("q", answer(day, vehicle="board-B"))
+    target = tmp_path / "season.html"
+    target.write_text(page(season(store)))
+    choose = "form.vehicle.value = 'board-B'; form.dispatchEvent(new Event('input'));"
+    told = "form.querySelector('output').value"
+    with Browser() as browser:
+        for size in (PHONE, DESKTOP):
+            seen = browser.open(target.as_uri(), size)
+            assert seen.width <= size[0]
+            assert (seen.console, seen.requests) == ((), ())
+            assert browser.value(told) == "2 of 2 vehicles"
+            assert browser.value(choose + told) == "1 of 2 vehicles"
 
 
 def sizes(values: np.ndarray, sd: float) -> list[Sized]:

@@ -1,0 +1,212 @@
+"""Which vehicle file the logs of a folder are judged with: one given for their identity, or one draft for all of them.
+
+A draft is made anew when its vehicle has twice as many logs as it was made from, up to what a draft looks at. Its logs
+are then answered again, so that a folder that grows by a log a day does not answer all of them every day.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeVar
+
+from companion.vehicles import chosen_vehicle
+from models.common.errors import ConfigError, UserError
+from models.common.text_file import make_folder, write_text
+from replay.fleet.store import Store
+from replay.identity import VehicleIdentity
+from replay.logs.formats import load
+from replay.vehicle.draft import LOGS, Given, draft
+from replay.vehicle.identity import identity
+
+R = TypeVar("R")
+FOLDER = "vehicles"
+"""Of the drafts, below the answers."""
+_TASKS_A_PROCESS = 50
+"""Then its memory goes back."""
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """Vehicle files of logs."""
+
+    files: Mapping[str, Path] = field(default_factory=dict)
+    """By sha256; a log without one is drafted by itself."""
+    facts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Of those that were drafted, where each number comes from, by sha256."""
+    notes: tuple[str, ...] = ()
+
+
+def assign(
+    logs: Mapping[str, Path],
+    given_files: Mapping[str, Path],
+    given: Given,
+    *,
+    target_system: int | None,
+    out: Path,
+    store: Store,
+    workers: int,
+) -> Assigned:
+    """``logs`` by sha256; ``given_files`` by the names of ``named``."""
+    known = _identities(logs, target_system, store, workers)
+    files = {}
+    groups: dict[str, list[str]] = {}
+    used = set()
+    for sha256, who in known.items():
+        file = fitting(given_files, who)
+        if file is not None:
+            files[sha256] = file
+            used.add(file)
+        elif (name := shared_name(who)) is not None:
+            groups.setdefault(name, []).append(sha256)
+    notes = [f"{file}: fits no log" for file in given_files.values() if file not in used]
+    drafts = {}
+    for name, group in groups.items():
+        drafts[name] = [logs[sha256] for sha256 in group]
+    made, failed = _drafted(drafts, given, target_system, out / FOLDER, store, workers)
+    said = {row["name"]: json.loads(row["facts"]) for row in store.rows("SELECT * FROM drafts")}
+    facts = {}
+    for name, file in made.items():
+        for sha256 in groups[name]:
+            files[sha256] = file
+            facts[sha256] = said[name]
+    return Assigned(files, facts, (*notes, *failed))
+
+
+def named(folder: Path) -> dict[str, Path]:
+    """Vehicle files by what they are for. Raises ConfigError where one is wrong or there is none."""
+    if not folder.is_dir():
+        raise ConfigError(f"--vehicles {folder}: is no folder")
+    files = {file.stem: file.resolve() for file in sorted(folder.glob("*.toml"))}
+    if not files:
+        raise ConfigError(f"--vehicles {folder}: holds no vehicle file (.toml)")
+    for file in files.values():
+        chosen_vehicle(file)
+    return files
+
+
+def fitting(files: Mapping[str, Path], who: VehicleIdentity) -> Path | None:
+    """The file of a vehicle: by the hash of its parameters, its key, its board or its frame, the most special first."""
+    for name in (who.parameters, who.vehicle, who.board, who.frame):
+        if name and name in files:
+            return files[name]
+    return None
+
+
+def shared_name(who: VehicleIdentity) -> str | None:
+    """Of the draft that logs of one vehicle share; None where nothing tells the vehicle from others."""
+    if who.board or who.vehicle.startswith("sensors-"):
+        return who.vehicle
+    if who.parameters:
+        return f"parameters-{who.parameters}"
+    return None
+
+
+def _identities(
+    logs: Mapping[str, Path], target_system: int | None, store: Store, workers: int
+) -> dict[str, VehicleIdentity]:
+    """Of all logs that can be read; each is read once."""
+    out = {}
+    for row in store.rows("SELECT * FROM identities"):
+        if row["sha256"] in logs:
+            out[row["sha256"]] = VehicleIdentity(
+                vehicle=row["vehicle"],
+                board=row["board"],
+                firmware=row["firmware"],
+                frame=row["frame"],
+                parameters=row["parameters"],
+            )
+    unread = {sha256: log for sha256, log in logs.items() if sha256 not in out}
+    with _pool(workers, len(unread)) as pool:
+        waiting = {pool.submit(_identity, log, target_system): sha for sha, log in unread.items()}
+        for sha256, who in _results(waiting):
+            if isinstance(who, VehicleIdentity):
+                out[sha256] = who
+                store.put("identities", [(sha256, *who.as_json().values())])
+    return {sha256: out[sha256] for sha256 in logs if sha256 in out}
+
+
+def _identity(log: Path, target_system: int | None) -> VehicleIdentity | None:
+    """Of the longest boot; None where the log cannot be read, which its answer says."""
+    try:
+        boots = load(log, target_system)
+    except (UserError, MemoryError):
+        return None
+    return identity(max(boots, key=lambda boot: boot.duration_s))
+
+
+def _drafted(
+    groups: Mapping[str, Sequence[Path]],
+    given: Given,
+    target_system: int | None,
+    folder: Path,
+    store: Store,
+    workers: int,
+) -> tuple[dict[str, Path], list[str]]:
+    """Vehicle files by name, and a line for every vehicle that cannot be drafted."""
+    said = repr((given.mass_kg, given.propeller_m, given.span_m))
+    before = {row["name"]: row for row in store.rows("SELECT * FROM drafts")}
+    out = {name: folder / f"{name}.toml" for name in groups}
+    wanted = {}
+    for name, logs in groups.items():
+        row = before.get(name)
+        count = min(len(logs), LOGS)
+        fresh = row is not None and row["given"] == said and count < 2 * row["logs"]
+        if not fresh or not out[name].is_file():
+            wanted[name] = logs
+    failed = []
+    if wanted:
+        make_folder("--out", folder)
+    with _pool(workers, len(wanted)) as pool:
+        waiting = {}
+        for name, logs in wanted.items():
+            waiting[pool.submit(_draft, logs, given, target_system, out[name])] = name
+        for name, done in _results(waiting):
+            if done is not None and done.facts:
+                store.put("drafts", [(name, min(len(wanted[name]), LOGS), said, done.facts)])
+            else:
+                del out[name]
+                why = "its process died" if done is None else done.problem
+                failed.append(f"{name}: has no draft of its own ({why}); each log is drafted alone")
+    return out, failed
+
+
+@dataclass(frozen=True)
+class _Drafted:
+    """What came of a draft."""
+
+    facts: str = ""
+    """As JSON."""
+    problem: str = ""
+
+
+def _draft(logs: Sequence[Path], given: Given, target_system: int | None, file: Path) -> _Drafted:
+    """Write the vehicle file of some logs."""
+    try:
+        made = draft(logs, given, target_system)
+        write_text("--out", file, made.as_toml())
+    except (UserError, MemoryError) as error:
+        return _Drafted(problem=str(error) or "too little memory")
+    return _Drafted(facts=json.dumps(made.as_json()))
+
+
+def _pool(workers: int, tasks: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(
+        max(min(workers, tasks), 1),
+        mp_context=get_context("spawn"),
+        max_tasks_per_child=_TASKS_A_PROCESS,
+    )
+
+
+def _results(waiting: Mapping[Future[R], str]) -> Iterable[tuple[str, R | None]]:
+    """As they come; None where a process died."""
+    for future in as_completed(waiting):
+        try:
+            yield waiting[future], future.result()
+        except BrokenProcessPool:
+            yield waiting[future], None
