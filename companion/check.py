@@ -22,6 +22,7 @@ from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parame
 from companion.control.lateness import LATE_FADE_S
 from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.dialect import ID_OF
+from companion.mavlink.file_frames import STAMP_BYTES, cut_file
 from companion.mavlink.firmware import (
     Stack,
     ThrustMeaning,
@@ -34,7 +35,7 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Sample
-from companion.mavlink.wire_frames import V2, Counts, Frame, cut, walk
+from companion.mavlink.wire_frames import V2, Counts, Frame, cut
 from companion.pipeline import initial_state, step
 from companion.state.pipeline_state import PipelineState
 from models.common.errors import LogError
@@ -181,11 +182,11 @@ def read_log(path: Path, listener: Listener) -> None:
         data = path.read_bytes()
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror})") from None
-    starts, _ = walk(data, Counts(), 8)
-    if not starts:
+    found = cut_file(data, Counts(), STAMP_BYTES)
+    if not found.start.size:
         raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
-    for i in starts:
-        listener.hear(int.from_bytes(data[i : i + 8], "big"), cut(data, i + 8))
+    for i in found.start.tolist():
+        listener.hear(int.from_bytes(data[i - STAMP_BYTES : i], "big"), cut(data, i))
 
 
 def items(heard: Listener, setup: CheckSetup) -> list[Item]:

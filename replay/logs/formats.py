@@ -11,7 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from companion.mavlink.wire_frames import Counts, walk
+from companion.mavlink.file_frames import STAMP_BYTES, cut_file
+from companion.mavlink.wire_frames import Counts
 from models.common.errors import LogError
 from replay.flightlog import FlightLog
 from replay.logs.files import HEAD_BYTES, is_text_dataflash
@@ -28,8 +29,6 @@ READERS = {
 
 _STARTS = {b"\xa3\x95\x80": ".bin", b"ULog\x01\x12\x35": ".ulg"}
 """First bytes of the formats that have such: a DataFlash log begins with a FMT message."""
-_STAMP_BYTES = 8
-"""Before every frame of a .tlog."""
 _FRAMES = 3
 """So many frames with a right checksum in the first bytes are no accident."""
 _PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
@@ -70,7 +69,7 @@ def _by_content(path: Path) -> str | None:
             return suffix
     if is_text_dataflash(head):
         return ".bin"
-    frames, _ = walk(head, Counts(), _STAMP_BYTES, whole=False)
+    frames = cut_file(head, Counts(), STAMP_BYTES).start
     if len(frames) >= _FRAMES:
         return ".tlog"
     return None

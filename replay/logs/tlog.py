@@ -16,15 +16,14 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.wire_frames import V2, Counts, frame_bytes, walk
+from companion.mavlink.file_frames import STAMP_BYTES, cut_file, message_ids
+from companion.mavlink.wire_frames import V2, Counts, frame_bytes
 from companion.mavlink.wire_layout import wire_format
 from models.common.errors import LogError
 from replay.logs.files import read_file
 
 GROUND_STATION = 190
 """MAV_COMP_ID_MISSIONPLANNER."""
-_STAMP = 8
-"""Bytes of the receiver's stamp before every frame."""
 _STAMP_TOLERANCE_US = 500_000
 """Links seldom hold messages back for half a second; a damaged stamp is off by far more."""
 _LONGEST_PAUSE_US = 3_600_000_000
@@ -143,27 +142,19 @@ def read_tlog(path: Path) -> Tlog:
     """Every frame of a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
     data = read_file(path)
     counts = Counts()
-    starts, rest = walk(data, counts, _STAMP)
-    if not starts:
+    found = cut_file(data, counts, STAMP_BYTES)
+    if not found.start.size:
         raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
-    start = np.frombuffer(starts, np.int64)
+    magic = found.start
     bytes_ = np.frombuffer(data, np.uint8)
-    stamps = sliding_window_view(bytes_, _STAMP)[start].copy().view(">u8").reshape(-1)
-    arrival, repaired, steps = repair_stamps(stamps.astype(np.uint64))
-    magic = start + _STAMP
-    v2 = bytes_[magic] == V2
-    source = magic + np.where(v2, 5, 3)
-    ids = bytes_[source + 2].astype(np.int32)
-    wide = np.flatnonzero(v2)
-    ids[wide] |= (
-        bytes_[source[wide] + 3].astype(np.int32) << 8
-        | bytes_[source[wide] + 4].astype(np.int32) << 16
-    )
+    stamps = sliding_window_view(bytes_, STAMP_BYTES)[magic - STAMP_BYTES]
+    arrival, repaired, steps = repair_stamps(stamps.view(">u8").reshape(-1).astype(np.uint64))
+    source = magic + np.where(bytes_[magic] == V2, 5, 3)
     report = Report(
         bad_crc=counts.bad_crc,
         unknown=counts.unknown,
         skipped_bytes=counts.skipped_bytes,
-        truncated_bytes=len(data) - rest,
+        truncated_bytes=len(data) - found.rest,
         stamps_repaired=repaired,
         clock_steps=steps,
     )
@@ -172,7 +163,7 @@ def read_tlog(path: Path) -> Tlog:
         data=data,
         start=magic,
         arrival_us=arrival,
-        message_id=ids,
+        message_id=message_ids(bytes_, magic),
         system=bytes_[source],
         component=bytes_[source + 1],
         report=report,

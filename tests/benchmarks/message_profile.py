@@ -1,6 +1,6 @@
 """What one message costs in flight: median microseconds of decoding and of ``step``, by kind, on a recorded flight.
 
-    python tests/benchmarks/message_profile.py LOG.tlog [--vehicle FILE.toml] [--rounds 3] [--asleep 0.01] [--json FILE]
+    python tests/benchmarks/message_profile.py LOG.tlog [--vehicle FILE.toml] [--rounds 3] [--asleep 0.01] [--adapt]
 
 What follows a setpoint (``settle``) is a row of its own, and so is a message that asks the model. ``--asleep`` sleeps
 for so long [s] before every attitude, as flight does: the processor's caches are then filled anew, which costs more
@@ -19,6 +19,7 @@ from pathlib import Path
 from statistics import median
 
 import models
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.message_filter import Intake, unread
@@ -42,7 +43,7 @@ def one_round(
 ) -> float:
     """Fly the log once; returns its length [s]."""
     intake, state, clock = (
-        Intake(None, unread(adapting=False)),
+        Intake(None, unread(adapting=config.adapt is not Adapt.OFF)),
         initial_state(config),
         time.perf_counter_ns,
     )
@@ -78,6 +79,42 @@ def one_round(
     return 0.0 if first is None or last is None else (last - first) / 1e6
 
 
+def profile(
+    log: Path, config: PipelineConfig, rounds: int = 3, asleep_s: float = 0.0
+) -> dict[str, dict[str, float]]:
+    """Messages a second and medians [us] by kind, the most costly first."""
+    decoding: Times = defaultdict(list)
+    stepping: Times = defaultdict(list)
+    seconds = sum(one_round(log, config, asleep_s, decoding, stepping) for _ in range(rounds))
+    rows = {}
+    for name in {*decoding, *stepping}:
+        of_kind = decoding.get(name.split(",")[0], [0])
+        if name.endswith("answered"):
+            of_kind = [0]
+        rows[name] = {
+            "per_second": len(stepping.get(name) or decoding[name]) / seconds,
+            "decode_us": median(of_kind) / 1e3,
+            "step_us": median(stepping.get(name, [0])) / 1e3,
+        }
+    return dict(sorted(rows.items(), key=lambda row: -_ms(row[1])))
+
+
+def _ms(row: dict[str, float]) -> float:
+    """Milliseconds a second."""
+    return row["per_second"] * (row["decode_us"] + row["step_us"]) / 1e3
+
+
+def print_profile(rows: dict[str, dict[str, float]]) -> None:
+    """A line a kind, without those that cost nothing."""
+    print(f"{'message':<44}{'per second':>11}{'decode us':>11}{'step us':>9}{'ms/s':>7}")
+    for name, row in rows.items():
+        ms = _ms(row)
+        if ms >= 0.01:
+            numbers = f"{row['per_second']:>11.1f}{row['decode_us']:>11.1f}{row['step_us']:>9.1f}"
+            print(f"{name:<44}{numbers}{ms:>7.2f}")
+    print(f"{'all':<44}{'':>31}{sum(map(_ms, rows.values())):>7.2f}")
+
+
 def main() -> None:
     p = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -86,35 +123,14 @@ def main() -> None:
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--rounds", type=int, default=3)
     p.add_argument("--asleep", type=float, default=0.0, metavar="SECONDS")
+    p.add_argument("--adapt", action="store_true", help="with adaptation")
     p.add_argument("--json", type=Path, metavar="FILE")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    config = PipelineConfig(vehicle=vehicle, model=models.load())
-    decoding: Times = defaultdict(list)
-    stepping: Times = defaultdict(list)
-    seconds = sum(one_round(a.log, config, a.asleep, decoding, stepping) for _ in range(a.rounds))
-    rows = {}
-    for name in sorted(
-        {*decoding, *stepping}, key=lambda n: -sum(decoding.get(n, [])) - sum(stepping.get(n, []))
-    ):
-        decode_us = (
-            0.0
-            if name.endswith("answered")
-            else median(decoding.get(name.split(",")[0], [0])) / 1e3
-        )
-        step_us = median(stepping.get(name, [0])) / 1e3
-        count = len(stepping.get(name, ())) or len(decoding.get(name, ()))
-        rows[name] = {"per_second": count / seconds, "decode_us": decode_us, "step_us": step_us}
-    total = 0.0
-    print(f"{'message':<44}{'per second':>11}{'decode us':>11}{'step us':>9}{'ms/s':>7}")
-    for name, row in rows.items():
-        ms = row["per_second"] * (row["decode_us"] + row["step_us"]) / 1e3
-        total += ms
-        if ms >= 0.01:
-            print(
-                f"{name:<44}{row['per_second']:>11.1f}{row['decode_us']:>11.1f}{row['step_us']:>9.1f}{ms:>7.2f}"
-            )
-    print(f"{'all':<44}{'':>31}{total:>7.2f}")
+    adapt = Adapt.FULL if a.adapt else Adapt.OFF
+    config = PipelineConfig(vehicle=vehicle, model=models.load(), adapt=adapt)
+    rows = profile(a.log, config, a.rounds, a.asleep)
+    print_profile(rows)
     if a.json is not None:
         a.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 

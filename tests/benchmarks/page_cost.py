@@ -25,9 +25,7 @@ from typing import Any
 
 import numpy as np
 from browser import CHROMIUM, Browser
-from latency import stream
-
-_TICKS = os.sysconf("SC_CLK_TCK")
+from latency import cpu_s, stream
 
 
 def free_port(kind: socket.SocketKind) -> int:
@@ -35,12 +33,6 @@ def free_port(kind: socket.SocketKind) -> int:
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def cpu_s(pid: int) -> float:
-    """User and system time of one process [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
 def child_of(pid: int) -> int | None:
@@ -136,12 +128,13 @@ def main() -> int:
     served = child_of(running["with page"][0].pid)
     page_cpu = 0.0 if served is None else cpu_s(served)
     for name, (ours, worker) in generators.items():
-        latencies, sent, rss = ours.recv()
+        known = ours.recv()
         worker.join()
-        ms = 1e3 * np.array(latencies or [np.nan])
+        ms = 1e3 * np.array(known.latencies_s or [np.nan])
         rows[name] = {
             "p50_ms": float(np.percentile(ms, 50)), "p99_ms": float(np.percentile(ms, 99)),
-            "cpu_percent": 100.0 * used[name] / wall, "answered": len(latencies) / max(sent, 1), "rss_mib": rss,
+            "cpu_percent": 100.0 * used[name] / wall,
+            "answered": len(known.latencies_s) / max(known.sent, 1), "rss_mib": known.rss_mib,
         }  # fmt: skip
     over.set()
     if CHROMIUM is not None and served is not None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.dialect import mavlink
+from companion.mavlink.file_frames import cut_file
 from companion.mavlink.message_table import LAYOUTS, decode
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.mavlink.signing import Signatures
@@ -78,6 +79,24 @@ def test_after_damage_the_frames_behind_it_are_found(frames, noise, where):
     got = [f.raw for f in reader.feed(b"".join(frames[:at]) + noise + b"".join(frames[at:]))]
     assert got == frames
     assert reader.counts.skipped_bytes == len(noise)
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(st.one_of(st.sampled_from(STREAM), st.binary(max_size=30)), min_size=1, max_size=12),
+    st.integers(0, 2**31),
+)
+def test_a_file_holds_the_frames_that_a_link_brings(pieces, flip):
+    data = bytearray(b"".join([*pieces, STREAM[0]]))
+    data[flip % len(data)] ^= 1 << flip % 8
+    # Zeros behind it let a link give up on a frame that is longer than what came.
+    data += bytes(600) + STREAM[0]
+    counts, reader = Counts(), FrameReader()
+    found = cut_file(bytes(data), counts, 0)
+    brought = reader.feed(bytes(data))
+    assert [cut(bytes(data), i) for i in found.start.tolist()] == list(brought)
+    assert counts == reader.counts
+    assert found.rest == len(data)
 
 
 def test_a_wrong_checksum_is_counted_and_the_next_frame_read():
