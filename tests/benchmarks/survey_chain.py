@@ -59,7 +59,10 @@ def surveying(p: CasePilot) -> Iterator[float]:
     while p.flight.time_s < LIMIT_S:
         yield 1.0
         companion = p.world.companion
-        if companion is not None and companion.incoming.state.requests.survey.phase in (Phase.DONE, Phase.ABORTED):
+        if companion is not None and companion.incoming.state.requests.survey.phase in (
+            Phase.DONE,
+            Phase.ABORTED,
+        ):
             return
 
 
