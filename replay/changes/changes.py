@@ -13,10 +13,11 @@ from replay.changes.spread import LAWS, VarianceComponent, as_flown, usual
 from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
 from replay.search.estimates import DRAWS, IntervalEstimate, said
-from replay.search.evidence import TRUST, Evidence, Fit
+from replay.search.evidence import Evidence, Fit
 from replay.search.library import Design, Library
-from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term
+from replay.search.thresholds import SURE as MOST_SURE
+from replay.search.thresholds import TRUST
 from replay.search.walk import walk
 from replay.search.worth import Contributions, beyond_bounds, tops
 

@@ -7,7 +7,7 @@ from typing import Any
 from models.effects import Effect, catalogue
 from replay.flightlog import LogFault, MotorLoss
 from replay.search.estimates import IntervalEstimate
-from replay.search.sets import SURE
+from replay.search.thresholds import SURE
 
 
 def loss_json(fault: LogFault) -> dict[str, Any]:

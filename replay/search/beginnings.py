@@ -10,15 +10,14 @@ import numpy as np
 from models.common.frames import Array
 from replay.residual.record import Record
 from replay.search.channel import Columns
+from replay.search.thresholds import (
+    CHANCE,
+    MOST_TIMES,
+    SHORTEST_S,
+)
 
 BESIDE_S = 8.0
 """Flight that is judged before and after a time: after the start the ground lifts, and the pack is not settled."""
-SHORTEST_S = 8.0
-"""Between a beginning and an end: what is shorter is a gust, or the wake of another vehicle."""
-CHANCE = 0.1
-"""Probability that what is there begins in this flight, and as much that it ends."""
-MOST_TIMES = 400
-"""Times that are looked at, evenly over the flight."""
 ABOUT_S = 2.0
 """So far before and after a suggestion it is tried as well: the search halves the steps."""
 NONE_S = 0.0

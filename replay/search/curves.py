@@ -9,13 +9,17 @@ import numpy as np
 
 from models.common.frames import AXES, Array
 from replay.residual.record import Record
+from replay.search.thresholds import (
+    CLOSEST,
+    LEAST_TURN_RAD,
+    ODDS,
+    REACTION_ODDS,
+)
 
 KNOTS = 7
 """Of a curve: so many evenly over the channel's range, and as many on its quantiles."""
 LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
-AMPLITUDE = 3.0
-"""Prior standard deviation of a curve, in hundredths of the weight."""
 SAME_SENSOR = dict(
     zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True)
 )
@@ -38,16 +42,8 @@ DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers: a curve is as likely as commands are."""
 ATTITUDE = ("roll_rad", "pitch_rad")
 """Channels that go with the speed in steady flight: what drag explains is none of theirs."""
-ODDS = 2e-4
-REACTION_ODDS = 1e-5
-"""Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
-of one over a channel that responds to disturbances."""
 FEWEST = 50
 """Samples of a channel without which no curve is laid through it."""
-LEAST_TURN_RAD = 0.5
-"""Range of headings from which on a force may go with them."""
-CLOSEST = 0.02
-"""Smallest distance of two knots, as a share of the channel's range."""
 
 
 @dataclass(frozen=True)

@@ -13,21 +13,20 @@ from scipy.special import log_ndtr, ndtr, ndtri_exp
 from models.common.frames import Array
 from models.effects import Context, Effect
 from replay.search.channel import hundredths
-from replay.search.evidence import TRUST, Evidence, Fit
+from replay.search.evidence import Evidence, Fit
 from replay.search.held_out import FlightFit, folds_of
 from replay.search.sets import Walked
 from replay.search.terms import Term
+from replay.search.thresholds import (
+    BOUND_SHARE,
+    FEWEST_WITHIN,
+    LEARNT,
+    LEAST_SHOWN,
+    TRUST,
+)
 
-BOUND_SHARE = 0.01
-"""Distance to a bound, as a share of the range, within which a coefficient stands at it."""
-LEARNT = 0.7
-"""Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 DRAWS = 4000
 """Of the joint posterior: the ends of a 95 % interval are then sure to 2 % of its width."""
-FEWEST_WITHIN = 0.05
-"""Share of draws within all bounds below which draws are moved to the bounds, and not thrown away."""
-LEAST_SHOWN = 0.1
-"""Smallest r^2 that an interval is widened by: below, nothing is known of the size."""
 _SIDE = 1.96
 """Standard deviations from the middle to the end of a 95 % interval."""
 

@@ -26,16 +26,14 @@ from replay.search.channel import Whitened
 from replay.search.library import Design, Library
 from replay.search.noise_spectra import FITTED_SHARE, spectra, whitened_energies
 from replay.search.terms import STEP_S, Key, Term
+from replay.search.thresholds import (
+    FLOOR,
+    GUST_S,
+    LOUDEST,
+    TRUST,
+)
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
-TRUST = 0.5
-"""Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
-FLOOR = 0.2
-"""Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
-LOUDEST = 5.0
-GUST_S = 1.0
-"""Prior standard deviation of the noise's, in hundredths of the weight: no air is as unsteady; and how long gusts last
-[s]: height over speed (Dryden spectrum, MIL-F-8785C), 5 m over 5 m/s."""
 QUIET_S = 4.0
 QUIET_SPECTRUM = (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""

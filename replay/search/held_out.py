@@ -24,9 +24,11 @@ from replay.search.library import Library
 from replay.search.outside import Outside, outside
 from replay.search.regimes import by_regime
 from replay.search.terms import Key, Term
+from replay.search.thresholds import (
+    CARRIES,
+    CONFIRM_SHARE,
+)
 
-CARRIES = 0.25
-"""An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
 BLOCK_S = 1.5
 MOST_BLOCKS = 400
 """Unit of the time that is held out [s], and how many at most."""
@@ -35,8 +37,6 @@ FOLD_S = 6.0
 """Long single folds would hide a manoeuvre flown once from its own fit; runs of this length [s] do not."""
 EMBARGO_S = 3.0
 """Time beside a run that is fitted on neither [s]: three correlation times of the remainder."""
-CONFIRM_SHARE = 0.01
-"""Smallest share of the energy that an effect has to remove from a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
 """Blocks of the bootstrap [s]: longer than the remainder is correlated."""
 DRAWS = 1000

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, groupby, zip_longest
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,10 +15,9 @@ from models.effects import Effect
 from replay.residual.record import Record
 from replay.search.beginnings import NONE_S, log_chance, times_of
 from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
-from replay.search.curves import AMPLITUDE, ATTITUDE, Curve, curves
+from replay.search.curves import ATTITUDE, Curve, curves
 from replay.search.noise_spectra import runs
 from replay.search.terms import (
-    FORM_PRIOR,
     STEP_S,
     Key,
     Term,
@@ -27,29 +27,31 @@ from replay.search.terms import (
     regressors_of,
     unmixed_regressors,
 )
+from replay.search.thresholds import (
+    AMPLITUDE,
+    CLOCK_SD_S,
+    FORM_PRIOR,
+    KINEMATIC_SD_M_S2,
+    KNOWN,
+    LIFT_TRIM,
+    OFF_CENTRE,
+    TRIM,
+    USUAL_DRAG,
+)
 
-KNOWN = 0.02
-"""Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
-TRIM = 0.5
-"""Standard deviation of the trims that every vehicle has, in hundredths of the weight (times the lever, for moments).
-
-Of level forces that is an accelerometer mounted 0.3 degrees askew.
-"""
-LIFT_TRIM = 0.25
-"""The same of lift: a thrust coefficient that is 0.25 % off. What is more has a name."""
 LIFT = AXES.index("Fz")
-CLOCK_SD_S = 0.035
-"""Standard deviation of what is left of the rotor speeds' delay after it was estimated by cross-correlation [s]."""
-OFF_CENTRE = 0.15
-"""Standard deviation of the accelerometer's place along every axis, as a share of the farthest fan's arm."""
-USUAL_DRAG = 0.25
-"""Drag of open rotors on the own motion, as a share of momentum theory's: what a velocity that is late shows by."""
-KINEMATIC_SD_M_S2 = 0.05
-"""Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
 
 
-Prior = tuple[int, float, float, float, float, float]
-"""Of a coefficient: column, standard deviation, and in units of that mean, bounds, and 1 where it makes the effect."""
+class Prior(NamedTuple):
+    """Of one column: its standard deviation, and in units of that its mean and bounds."""
+
+    column: int
+    scale: float
+    centre: float = 0.0
+    low: float = -np.inf
+    high: float = np.inf
+    main: float = 0.0
+    """1 for a coefficient that makes the effect what it is, else 0."""
 
 
 @dataclass(frozen=True)
@@ -243,23 +245,21 @@ class Library:
                     self._put(
                         f, self._searched_axes(effect, f), np.array([self.size]), part[..., None]
                     )
-            priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
+            priors.append(Prior(column=self.size, scale=FORM_PRIOR))
             self.size += 1
-        columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
-        odds = effect.log_odds(context)
         self._take_in(
             Term(
                 name=effect.name,
                 effect=effect,
                 shape=shape,
-                columns=columns,
-                scale=scale,
-                centre=centre,
-                low=low,
-                high=high,
+                columns=np.array([p.column for p in priors]),
+                scale=np.array([p.scale for p in priors]),
+                centre=np.array([p.centre for p in priors]),
+                low=np.array([p.low for p in priors]),
+                high=np.array([p.high for p in priors]),
+                main=np.array([p.main for p in priors]),
                 log_shape=log_shape,
-                log_odds=odds,
-                main=main,
+                log_odds=effect.log_odds(context),
                 places=places,
                 flight=flight,
             )
@@ -280,16 +280,14 @@ class Library:
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
                     own = self.records[f].context
-                    low = c.least(own) / spread[i]
-                    high = c.most(own) / spread[i]
                     priors.append(
-                        (
-                            self.size,
-                            spread[i],
-                            centre[i] / spread[i],
-                            low,
-                            high,
-                            float(effect.is_main(c)),
+                        Prior(
+                            column=self.size,
+                            scale=spread[i],
+                            centre=centre[i] / spread[i],
+                            low=c.least(own) / spread[i],
+                            high=c.most(own) / spread[i],
+                            main=float(effect.is_main(c)),
                         )
                     )
                     self.size += 1

@@ -11,23 +11,20 @@ from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths
 from replay.search.regimes import LEAST_S, SURFACES, regimes
+from replay.search.thresholds import (
+    FORCE_LIMIT,
+    LEVEL_LEFT,
+    LIFT_LEFT,
+    LOUD,
+    MOMENT_LEFT,
+    MOMENT_LIMIT,
+    SUDDEN,
+    SUDDEN_S,
+    WHOLE_LIMIT,
+)
 
 SLOW_S = 1.0
 """The remainder is averaged over this time [s]."""
-FORCE_LIMIT = 2.0
-MOMENT_LIMIT = 2.5
-"""RMS of the slow remainder, in hundredths of the weight (times the lever), up to which a flight counts as explained.
-
-Broadband unsteadiness of the air and the declared model's own error leave about one hundredth; of the moments of 45
-measured flights that are explained, 2.2 at most.
-"""
-WHOLE_LIMIT = 3.0
-"""The same for the RMS of the whole remainder below 2 Hz, sensors' noise included."""
-LOUD = 1.5
-"""Intervals are given where the remainder exceeds the limit by this factor."""
-SUDDEN = 5.0
-SUDDEN_S = 0.5
-"""Short disturbances are reported, too: so many times what is usual in the flight, for so long in all [s]."""
 JOIN_S = 2.0
 SHORTEST_S = 0.5
 MOST = 12
@@ -35,13 +32,6 @@ MOST = 12
 MAD_TO_SD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
-LEVEL_LEFT = 0.4
-LIFT_LEFT = 1.0
-MOMENT_LEFT = 2.0
-"""Mean of the remainder beside a surface, in hundredths of the weight (times the lever), up to which it is explained.
-
-0.4 of a level force tilts the vehicle by 0.23 degrees.
-"""
 INDEPENDENT_S = 2.0
 """Time after which a remainder counts as a new sample of its mean [s]."""
 

@@ -11,19 +11,26 @@ from models.common.frames import AXES
 from models.effects import Effect, get
 from models.effects.effect import UNTIL_S
 from replay.search.channel import hundredths
-from replay.search.estimates import LEARNT, IntervalEstimate, shape_estimates, sizes
-from replay.search.evidence import TRUST, Fit
+from replay.search.estimates import IntervalEstimate, shape_estimates, sizes
+from replay.search.evidence import Fit
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.outside import beside_surfaces
 from replay.search.regimes import LEAST_S, regimes
 from replay.search.sets import Walked, aliases, class_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
+from replay.search.thresholds import (
+    HELD_OUT,
+    LEARNT,
+    NEAR,
+    RIVALS,
+    SMALL,
+    TRUST,
+    WORSE_SHARE,
+)
 from replay.search.visible import Visible, visible
 from replay.search.worth import top
 
-SMALL = 0.005
-"""Share of the residual's energy below which an effect is called small."""
 _WAYS = (
     ("push forward", "push backward"),
     ("push to the right", "push to the left"),
@@ -33,13 +40,6 @@ _WAYS = (
     ("turn to the right", "turn to the left"),
 )
 """What acts along each axis, and against it."""
-HELD_OUT = 2.0
-"""A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
-NEAR = 30.0
-RIVALS = 6
-"""Sets that are compared so: less likely than the best by no more than this (log), and how many."""
-WORSE_SHARE = 0.005
-"""Share of the residual's energy by which an effect may make held-out time worse: noise, where it is hardly excited."""
 
 
 @dataclass(frozen=True, kw_only=True)

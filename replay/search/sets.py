@@ -15,22 +15,16 @@ import numpy as np
 from models.effects import Effect
 from replay.search.evidence import Evidence, Fit
 from replay.search.terms import Key, Term
+from replay.search.thresholds import (
+    ALIAS_NATS,
+    MARGIN,
+    MOST_MEMBERS,
+    NAMED,
+    NEGLIGIBLE,
+    NO_MEMBER,
+    SURE,
+)
 
-MARGIN = 4.0
-"""Sets as likely as the best but for this much (log) count as equal."""
-NAMED = 1.0
-"""The same of sets that lack a term of the best: a name is stated from odds of e to one on."""
-ALIAS_NATS = 9.0
-"""Sets less likely by this much (log) than the best are no alternative."""
-
-
-SURE = 0.995
-"""No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
-NEGLIGIBLE = 12.0
-"""Sets less likely by this much (log) than the best have no weight."""
-NO_MEMBER = 0.05
-MOST_MEMBERS = 3
-"""An effect that is less probable than that in another's place is told from it; so many members are shown."""
 Fits = dict[frozenset[Key], Fit]
 """The best fit of every set, by the keys of its terms."""
 

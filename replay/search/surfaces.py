@@ -14,8 +14,9 @@ import numpy as np
 
 from models.effects import Effect
 from replay.search.evidence import Fit
-from replay.search.sets import MARGIN, Walked
+from replay.search.sets import Walked
 from replay.search.terms import without_form
+from replay.search.thresholds import MARGIN
 
 ROUNDS = 2
 """How often every spread of the map is chosen anew beside the others."""

@@ -14,15 +14,14 @@ from models.effects import Context, Effect
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import Columns
+from replay.search.thresholds import (
+    AT_SHAPE_SPREAD,
+    FORM_LEAST,
+    FORM_PRIOR,
+)
 
 Key = tuple[str, int | None, str | None]
 """Name, flight (of an effect of one flight) and axis (of a free curve): what may be in a set only once."""
-FORM_PRIOR = 0.25
-"""Prior standard deviation of an effect's model-form error, as a share of its typical size."""
-FORM_LEAST = 0.1
-"""Share by which an effect's size has to vary for its form to matter."""
-AT_SHAPE_SPREAD = 0.15
-"""Share by which a length may differ from the one at which it was linearised (standard deviation)."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
 

@@ -19,10 +19,10 @@ import numpy as np
 
 from models.common.frames import AXES, Array
 from models.effects import Coefficient, Context
-from replay.search.evidence import TRUST
-from replay.search.sets import NAMED, Walked
+from replay.search.sets import Walked
 from replay.search.terms import Term
-from replay.search.worth import OWN, top
+from replay.search.thresholds import NAMED, OWN, TRUST
+from replay.search.worth import top
 
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""

@@ -15,10 +15,11 @@ from itertools import combinations
 
 from models.effects import Effect
 from replay.residual.record import Record
-from replay.search.evidence import TRUST, Evidence, Fit
+from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
-from replay.search.sets import ALIAS_NATS, Sets, Walked, canonical
+from replay.search.sets import Sets, Walked, canonical
 from replay.search.terms import Key, Term
+from replay.search.thresholds import ALIAS_NATS, TRUST
 
 MOST = 9
 MOST_A_FLIGHT = 3

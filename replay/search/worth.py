@@ -11,27 +11,18 @@ from models.common.frames import Array
 from replay.search.channel import ResidualChannel
 from replay.search.library import Design
 from replay.search.terms import STEP_S, Term, log_mass
-
-FORM_LEFT = 0.06
-"""RMS that an effect leaves by its model-form error, as a share of its own."""
-CURVE_FORM = 1.2
-"""What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
-SLOW_S = 2.0
-"""What is left is averaged over this time before it counts as acting unexplained [s]."""
-OWN = 0.75
-"""Smallest minimum unique contribution of a named term, in hundredths of the weight: no model is better than that."""
-USUAL = 2.0
-USUAL_TRIM = 1.0
-"""Coefficients and trims that take over stay within so many standard deviations of their prior."""
-SOFT = 0.02
-"""Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
-CANCEL = 2.6
-CANCEL_COST = 40.0
-CANCEL_FREE = 2.0
-"""Terms (root of the sum of squares) may exceed what they remove together by this factor; each more costs so much.
-
-What is below ``CANCEL_FREE`` hundredths of the weight does not count.
-"""
+from replay.search.thresholds import (
+    CANCEL,
+    CANCEL_COST,
+    CANCEL_FREE,
+    CURVE_FORM,
+    FORM_LEFT,
+    OWN,
+    SOFT,
+    UNEXPLAINED_S,
+    USUAL,
+    USUAL_TRIM,
+)
 
 
 class Contributions:
@@ -168,8 +159,8 @@ def limits(axes: Sequence[ResidualChannel]) -> Array:
 
 
 def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
-    """RMS (axes,) of what is left of a flight (axes, n), averaged over ``SLOW_S``, in hundredths of the weight."""
-    width = max(round(SLOW_S / STEP_S), 1)
+    """RMS (axes,) of what is left of a flight (axes, n), averaged over ``UNEXPLAINED_S``, in percent of the weight."""
+    width = max(round(UNEXPLAINED_S / STEP_S), 1)
     total = np.pad(np.cumsum(rest, axis=1), ((0, 0), (1, 0)))
     known = np.concatenate([[0], np.cumsum(axes[0].valid)])
     mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)

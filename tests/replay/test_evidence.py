@@ -9,9 +9,10 @@ import pytest
 from made_up import BIAS_M_S2, biased, some
 
 from models.effects import get
-from replay.search.evidence import TRUST, Evidence, Fit, Noise
+from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Library
 from replay.search.terms import Term
+from replay.search.thresholds import TRUST
 
 
 @pytest.fixture(scope="module")

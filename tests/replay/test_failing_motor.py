@@ -20,7 +20,7 @@ from replay.residual.lost_speed import SLOW_SHARE
 from replay.residual.motion import read_motion
 from replay.residual.motor_failure import _seen
 from replay.residual.record import build_record
-from replay.search.sets import SURE
+from replay.search.thresholds import SURE
 from tests.simulators.failing import cases, craft, tlog, world
 
 BOOT_S = 30.0
