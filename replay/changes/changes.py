@@ -15,11 +15,11 @@ from replay.residual.record import Record
 from replay.search.estimates import DRAWS, IntervalEstimate, said
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Design, Library
+from replay.search.significance import Contributions, beyond_bounds, tops
 from replay.search.terms import Term
 from replay.search.thresholds import SURE as MOST_SURE
 from replay.search.thresholds import TRUST
 from replay.search.walk import walk
-from replay.search.worth import Contributions, beyond_bounds, tops
 
 OF_A_VEHICLE = (BelongsTo.VEHICLE, BelongsTo.LOAD, BelongsTo.INSTRUMENT)
 """What can change on a vehicle, but for laws; weather and place change with every flight."""

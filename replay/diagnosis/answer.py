@@ -30,7 +30,7 @@ from replay.residual.record import Record
 from replay.search.curves import CarryingChannel
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import FlightFit
-from replay.search.outside import Outside
+from replay.search.remainder import Outside
 from replay.search.results import Found, Searched, corrected_together
 from replay.search.visible import Visible
 from replay.sources.choose import source_notes, sources_json

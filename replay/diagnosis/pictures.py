@@ -15,7 +15,7 @@ from replay.diagnosis.weights import scale
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
-from replay.search.outside import INDEPENDENT_S
+from replay.search.remainder import INDEPENDENT_S
 from replay.search.results import Found
 
 BINS = 14

@@ -15,7 +15,7 @@ from models.effects import Context, Effect
 from replay.search.channel import hundredths
 from replay.search.evidence import Evidence, Fit
 from replay.search.held_out import FlightFit, folds_of
-from replay.search.sets import Walked
+from replay.search.posterior import Walked
 from replay.search.terms import Term
 from replay.search.thresholds import (
     BOUND_SHARE,

@@ -25,6 +25,7 @@ from replay.residual.grid import Mask
 from replay.search.channel import Whitened
 from replay.search.library import Design, Library
 from replay.search.noise_spectra import FITTED_SHARE, spectra, whitened_energies
+from replay.search.significance import Contributions, beyond_bounds, form_variance, worth
 from replay.search.terms import STEP_S, Key, Term
 from replay.search.thresholds import (
     FLOOR,
@@ -32,7 +33,6 @@ from replay.search.thresholds import (
     LOUDEST,
     TRUST,
 )
-from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
 QUIET_S = 4.0
 QUIET_SPECTRUM = (1.0, 0.75)

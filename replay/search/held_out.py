@@ -21,8 +21,8 @@ from replay.search.channel import hundredths
 from replay.search.curves import CarryingChannel
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
-from replay.search.outside import Outside, outside
 from replay.search.regimes import by_regime
+from replay.search.remainder import Outside, outside
 from replay.search.terms import Key, Term
 from replay.search.thresholds import (
     CARRIES,

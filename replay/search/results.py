@@ -14,9 +14,10 @@ from replay.search.channel import hundredths
 from replay.search.estimates import IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import Fit
 from replay.search.held_out import FlightFit, flight_fits
-from replay.search.outside import beside_surfaces
+from replay.search.posterior import Walked, aliases, class_of
 from replay.search.regimes import LEAST_S, regimes
-from replay.search.sets import Walked, aliases, class_of
+from replay.search.remainder import beside_surfaces
+from replay.search.significance import top
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
 from replay.search.thresholds import (
@@ -29,7 +30,6 @@ from replay.search.thresholds import (
     WORSE_SHARE,
 )
 from replay.search.visible import Visible, visible
-from replay.search.worth import top
 
 _WAYS = (
     ("push forward", "push backward"),

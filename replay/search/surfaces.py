@@ -14,7 +14,7 @@ import numpy as np
 
 from models.effects import Effect
 from replay.search.evidence import Fit
-from replay.search.sets import Walked
+from replay.search.posterior import Walked
 from replay.search.terms import without_form
 from replay.search.thresholds import MARGIN
 

@@ -1,7 +1,7 @@
 """The smallest size of every effect that these flights would have shown.
 
 An effect that acts with size b is named where its set gains more than its prior odds cost, and where it does more than
-a hundredth of the weight (worth.py). With s the posterior's standard deviation of b in units of the prior's, b = z s
+a hundredth of the weight (significance.py). With s the posterior's standard deviation of b in units of the prior's, b = z s
 gains by Laplace's approximation (evidence.py)
 
     log odds = TRUST (z^2 / 2 + log s) + log prior odds
@@ -19,10 +19,10 @@ import numpy as np
 
 from models.common.frames import AXES, Array
 from models.effects import Coefficient, Context
-from replay.search.sets import Walked
+from replay.search.posterior import Walked
+from replay.search.significance import top
 from replay.search.terms import Term
 from replay.search.thresholds import NAMED, OWN, TRUST
-from replay.search.worth import top
 
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""

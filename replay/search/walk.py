@@ -17,7 +17,7 @@ from models.effects import Effect
 from replay.residual.record import Record
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
-from replay.search.sets import Sets, Walked, canonical
+from replay.search.posterior import Sets, Walked, canonical
 from replay.search.terms import Key, Term
 from replay.search.thresholds import ALIAS_NATS, TRUST
 

@@ -12,7 +12,7 @@ from measured.known import read
 from models.vehicle import load_vehicle
 from replay.diagnosis.diagnose import diagnose
 from replay.search import results
-from replay.search.sets import Walked
+from replay.search.posterior import Walked
 
 
 def fit(names: tuple[str, ...], score: float):

@@ -26,7 +26,7 @@ from replay.residual.record import Record
 from replay.search import results
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import Acting, FlightFit
-from replay.search.sets import Walked, class_of
+from replay.search.posterior import Walked, class_of
 
 
 @pytest.fixture(scope="module")

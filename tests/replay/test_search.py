@@ -25,12 +25,12 @@ from replay.search.estimates import IntervalEstimate
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
 from replay.search.noise_spectra import runs, spectra, whitened_energies
-from replay.search.outside import outside
+from replay.search.posterior import canonical
+from replay.search.remainder import outside
 from replay.search.results import Found, Searched, summarise
-from replay.search.sets import canonical
+from replay.search.significance import Contributions, tops
 from replay.search.terms import Term
 from replay.search.walk import walk
-from replay.search.worth import Contributions, tops
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 

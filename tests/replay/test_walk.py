@@ -10,7 +10,7 @@ from made_up import biased, some
 
 from replay.diagnosis.diagnose import conclude
 from replay.search import walk as walk_module
-from replay.search.sets import Walked
+from replay.search.posterior import Walked
 from replay.search.walk import LONG_S, MOST_WORK, walk
 
 EFFECTS = ("imu_bias", "rotor_drag")
