@@ -1,8 +1,8 @@
 """The smallest size of every effect that these flights would have shown.
 
 An effect that acts with size b is named where its set gains more than its prior odds cost, and where it does more than
-one percent of the weight (significance.py). With s the standard deviation of the posterior in units of the prior, b = z s
-gains by Laplace's approximation (evidence.py)
+one percent of the weight (significance.py). With s the standard deviation of the posterior in units of the prior,
+b = z s gains by Laplace's approximation (evidence.py)
 
     log odds = TRUST (z^2 / 2 + log s) + log prior odds
 
