@@ -107,7 +107,7 @@ class CheckSetup:
     """False: a log is read."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Listener:
     """Hears frames and runs the flight program dry. Also takes a live link's recording (``write``, ``flush``)."""
 
