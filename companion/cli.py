@@ -268,6 +268,8 @@ def _preflight(a: argparse.Namespace) -> int:
         print(check.as_text(found))
     if check.may_fly(found):
         return 0
+    if setup.live and check.silent(listener):
+        return LinkError.exit_code
     return 1
 
 
