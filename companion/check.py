@@ -58,6 +58,8 @@ _USABLE = 0.5
 """Share of the readings that must be usable."""
 _REACH_M = (1.0, 0.5)
 """A rangefinder must reach this far, and begin this near: the air of ground and wall is felt in between."""
+_BEFORE_4_7 = "before ArduPilot 4.7:"
+"""Release notes of 4.7: limits in metres have other names than those in centimetres."""
 _ALIKE = (0.6, 1.6)
 """Speed of a rotor over the median of all: beyond, a pole count or an ESC number is wrong."""
 _POSES = {
@@ -108,7 +110,7 @@ class CheckSetup:
     """False: a log is read."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Listener:
     """Hears frames and runs the flight program dry. Also takes a live link's recording (``write``, ``flush``)."""
 
@@ -201,6 +203,11 @@ def items(heard: Listener, setup: CheckSetup) -> list[Item]:
 def may_fly(found: Iterable[Item]) -> bool:
     """Whether nothing failed."""
     return all(item.verdict is not Verdict.FAIL for item in found)
+
+
+def silent(heard: Listener) -> bool:
+    """Whether no autopilot was heard at all: that is a fault of the link, not of the vehicle."""
+    return heard.state.heartbeat is None
 
 
 def as_json(found: list[Item]) -> dict[str, Any]:
@@ -436,7 +443,7 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
     usable = (verdicts[RangeVerdict.OK] + verdicts[RangeVerdict.ABOVE_MAX]) / len(readings)
     worst = verdicts.most_common(1)[0][0]
     standing = worst is RangeVerdict.BELOW_MIN and not heard.flying
-    limits = "RNGFNDn_MIN and RNGFNDn_MAX"
+    limits = f"RNGFNDn_MIN and RNGFNDn_MAX ({_BEFORE_4_7} RNGFNDn_MIN_CM and RNGFNDn_MAX_CM)"
     useless = usable < _USABLE
     narrow = high < _REACH_M[0] or low > _REACH_M[1]
     found = _judged(
@@ -446,7 +453,7 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
             useless and standing,
             _WARN,
             ": below its least distance on the ground",
-            "RNGFNDn_MIN, or a look in hover",
+            f"RNGFNDn_MIN ({_BEFORE_4_7} RNGFNDn_MIN_CM), or a look in hover",
         ),
         (useless, _FAIL, f": {worst.value}", limits),
         (narrow, _WARN, ": too narrow for ground and wall", limits),

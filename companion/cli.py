@@ -230,7 +230,7 @@ def _preflight(a: argparse.Namespace) -> int:
 
     flown, note = _config(a)
     config = replace(flown, dry_run=True, survey=None, adapt=Adapt.OFF)
-    listener = check.Listener(config, a.target_system)
+    listener = check.Listener(config=config, system=a.target_system)
     if a.check is not True:
         log = a.check
     elif a.connect.endswith(".tlog"):
@@ -275,6 +275,8 @@ def _preflight(a: argparse.Namespace) -> int:
         print(check.as_text(found))
     if check.may_fly(found):
         return 0
+    if setup.live and check.silent(listener):
+        return LinkError.exit_code
     return 1
 
 

@@ -180,7 +180,13 @@ def _offsets(
         applied = Offset()
     else:
         applied = slewed(old.applied, faded, config, dt_s)
-    return Offsets(authority, offset, wanted, applied, washout)
+    return Offsets(
+        authority=authority,
+        offset=offset,
+        wanted=wanted,
+        applied=applied,
+        washout=washout,
+    )
 
 
 def _watched(

@@ -74,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     compare.set_defaults(run=_compare)
 
     _add_query(commands, every)
+    _add_paper(commands, every)
     cfd.add(commands, every)
     return parser
 
@@ -134,6 +135,27 @@ def _add_query(commands: Any, every: argparse.ArgumentParser) -> None:
     )
     query.add_argument("--rpm", required=True, type=float, metavar="N", help="rotor speed [1/min]")
     query.set_defaults(run=_query)
+
+
+def _add_paper(commands: Any, every: argparse.ArgumentParser) -> None:
+    paper = commands.add_parser(
+        "paper",
+        parents=[every],
+        help="all figures and tables of the paper's replication, from the shipped data",
+    )
+    paper.add_argument(
+        "--out", required=True, type=Path, metavar="DIR", help="for report.html and the tables"
+    )
+    paper.add_argument(
+        "--splits", type=int, default=20, metavar="N", help="8:2 splits by place (default 20)"
+    )
+    paper.add_argument(
+        "--epochs", type=int, default=1000, metavar="N", help="of each net (default 1000)"
+    )
+    paper.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)"
+    )
+    paper.set_defaults(run=_paper)
 
 
 def _train(args: argparse.Namespace) -> Mapping[str, Any]:
@@ -206,6 +228,34 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
         if args.report:
             print(f"report: {args.report / 'report.html'}")
     return result.numbers
+
+
+def _paper(args: argparse.Namespace) -> Mapping[str, Any]:
+    from models.cfd.config import load as load_setup
+    from models.cfd.statements import check
+    from models.cfd.table import read
+    from models.common.progress import Bars
+    from models.paper import report
+    from models.paper.flow import flow_exhibits
+    from models.paper.nets import net_exhibits
+    from models.training.compare import compare
+
+    for name in ("splits", "epochs"):
+        if getattr(args, name) < 1:
+            raise ConfigError(f"--{name} {getattr(args, name)}: must be at least 1")
+    make_folder("directory", args.out)
+    cases = cfd.SHIPPED_CASES
+    data, _ = _data(str(cases.with_name("corner_cfd.csv")), cases.with_name("corner_cfd_rows.csv"))
+    bars = Bars(args.quiet)
+    result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
+    bars.close()
+    checked = check(read(cases), load_setup(None))
+    exhibits = [*flow_exhibits(checked), *net_exhibits(data, result)]
+    page = report.write(args.out, exhibits)
+    if speaks(args):
+        print(report.text(exhibits))
+        print(f"report: {page}")
+    return {"exhibits": [one.as_json() for one in exhibits], "numbers": result.numbers}
 
 
 def _query(args: argparse.Namespace) -> Mapping[str, Any]:

@@ -23,7 +23,7 @@ _HEAVY = 0.3
 vehicle's air differs by (docs/lab/simulator.md)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Size:
     """One named size: the value at which everything is as modelled, its prior, how fast it may change, its bounds.
 
@@ -95,7 +95,19 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
         scale = 0.06
         sags = 0.1
     for row in _steady(lever, scale, sags, drag_prior(vehicle)):
-        table.append(Size(*row))
+        name, unit, as_modelled, mean, sd, per_minute, low, high = row
+        table.append(
+            Size(
+                name=name,
+                unit=unit,
+                as_modelled=as_modelled,
+                mean=mean,
+                sd=sd,
+                per_minute=per_minute,
+                low=low,
+                high=high,
+            )
+        )
     for k in effects_with_size(model):
         table.append(
             Size(

@@ -128,7 +128,14 @@ def _surroundings(
     at_tilt_lead = fan_query(vehicle, ground, wall, rotation, fan_rpm, _TILT_LEAD_S)
     if not model.effects:
         ceiling = Surface(Seen.UNDECLARED)
-        return Surroundings(ground, wall, ceiling, at_thrust_lead, at_tilt_lead, None)
+        return Surroundings(
+            ground=ground,
+            wall=wall,
+            ceiling=ceiling,
+            at_thrust_lead=at_thrust_lead,
+            at_tilt_lead=at_tilt_lead,
+            air=None,
+        )
     ceiling = surface(estimates, config, "ceiling", t_s)
     measured = air_state(
         estimates=estimates,

@@ -36,7 +36,7 @@ class Parts(NamedTuple):
     """At the lead of thrust."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
     """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
 

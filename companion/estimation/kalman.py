@@ -55,11 +55,6 @@ class Track(NamedTuple):
     restarted_s: float = -math.inf
 
     @property
-    def state(self) -> tuple[float, float, float, float, float, float]:
-        """Time, value and rate, and the three numbers of their covariance."""
-        return self[:6]
-
-    @property
     def sigma(self) -> float:
         """Standard deviation of ``value``."""
         return math.sqrt(max(self.value_variance, 0.0))
@@ -92,8 +87,17 @@ def predict(track: Track, model: TrackModel, t_s: float) -> Track:
     p11 = p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt
     p12 = p12 + dt * p22 + 0.5 * q * dt
     p22 = p22 + q
-    kept = (track.updated_s, track.outliers, track.restarted_s)
-    return Track(t_s, value, rate, p11, p12, p22, *kept)
+    return Track(
+        t_s=t_s,
+        value=value,
+        rate=rate,
+        value_variance=p11,
+        covariance=p12,
+        rate_variance=p22,
+        updated_s=track.updated_s,
+        outliers=track.outliers,
+        restarted_s=track.restarted_s,
+    )
 
 
 def update(track: Track, measured: float, variance: float, h1: float, h2: float) -> Track:
@@ -128,8 +132,17 @@ def update(track: Track, measured: float, variance: float, h1: float, h2: float)
     p22 = ap21 * a21 + ap22 * a22 + variance * k2 * k2
     value = value + k1 * innovation
     rate = rate + k2 * innovation
-    kept = (track.updated_s, track.outliers, track.restarted_s)
-    return Track(track.t_s, value, rate, p11, p12, p22, *kept)
+    return Track(
+        t_s=track.t_s,
+        value=value,
+        rate=rate,
+        value_variance=p11,
+        covariance=p12,
+        rate_variance=p22,
+        updated_s=track.updated_s,
+        outliers=track.outliers,
+        restarted_s=track.restarted_s,
+    )
 
 
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
@@ -175,7 +188,7 @@ def measure(
         ):
             return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Outcome.RESTARTED
         return ahead._replace(outliers=outliers), Outcome.OUTLIER
-    heard = Track(*ahead.state, updated_s=t_s, restarted_s=ahead.restarted_s)
+    heard = ahead._replace(updated_s=t_s, outliers=())
     return update(heard, value, sigma * sigma, 1.0, -delay_s), Outcome.ACCEPTED
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from companion.mavlink.range_beams import dot
 from models.common.frames import Array, Rows
 from models.vehicle import Vector3, Vehicle
 
@@ -90,6 +91,46 @@ def plane_distance(
         if target != "ground":
             distance = np.where(slant > FAR_RADII * rotor_radius_m, np.inf, distance)
     return PlaneDistance(np.asarray(distance), normal)
+
+
+def plane_distance_now(
+    *,
+    target: str,
+    beam_ned: Vector3,
+    position_m: Vector3,
+    slant_m: float,
+    rotation: Rows,
+    height_cg_m: float,
+    rotor_radius_m: float,
+) -> tuple[float, Vector3]:
+    """``plane_distance`` of one instant in plain floats, from the beam's direction in NED: distance and normal."""
+    north, east, down = beam_ned
+    if target == "wall":
+        along = abs(complex(north, east))  # math.hypot differs from numpy's in the last bit
+        reach = max(along, 1e-9)
+        normal = (north / reach, east / reach, down * 0.0)
+    else:
+        sign = 1.0 if target == "ground" else -1.0
+        along = down * sign
+        normal = (0.0, 0.0, sign)
+    if math.isinf(slant_m):
+        distance = math.inf
+    else:
+        lever = 0.0
+        for n, row in zip(normal, rotation, strict=True):
+            for r, mount in zip(row, position_m, strict=True):
+                lever += n * r * mount
+        distance = lever + slant_m * along
+        if along < _COS_INCIDENCE:
+            distance = math.nan
+    if target == "wall" and math.isfinite(distance):
+        end = dot(rotation[2], position_m) + slant_m * down
+        if end > height_cg_m - GROUND_MARGIN_M:
+            clear = distance > NO_MATTER_RADII * rotor_radius_m
+            distance = math.inf if clear else math.nan
+    if target != "ground" and slant_m > FAR_RADII * rotor_radius_m:
+        distance = math.inf
+    return distance, normal
 
 
 def nearest_level(distances_m: ArrayLike) -> Array:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from companion.config import PipelineConfig
 from companion.estimation.beams import SIGMA_M, Reading, read
 from companion.estimation.estimates import Estimates
 from companion.estimation.range_doubt import UNREAD
-from companion.estimation.range_geometry import plane_distance
+from companion.estimation.range_geometry import plane_distance_now
 from companion.estimation.ring_planes import placed, ring_view
 from companion.estimation.surfaces import surface
 from companion.estimation.vectors import turned
@@ -53,23 +51,23 @@ def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Es
         ground = surface(estimates, config, "ground", sample.t_s).distance_m
     else:
         ground = math.inf
-    plane = plane_distance(
+    beam_ned = turned(rows, sample.direction_frd)
+    distance, normal = plane_distance_now(
         target=target,
-        direction_frd=sample.direction_frd,
+        beam_ned=beam_ned,
         position_m=mount_m,
-        range_m=slant,
-        rotation=np.array(rows),
+        slant_m=slant,
+        rotation=rows,
         height_cg_m=ground,
         rotor_radius_m=vehicle.rotor_radius_m,
     )
-    north, east, down = plane.normal_ned.tolist()
     reading = Reading(
         t_s=sample.t_s,
         sensor=(sample.component, sample.sensor_id),
         slant_m=slant,
-        beam_ned=turned(rows, sample.direction_frd),
-        distance_m=float(plane.distance_m),
-        normal_ned=(north, east, down),
+        beam_ned=beam_ned,
+        distance_m=distance,
+        normal_ned=normal,
         sigma_m=SIGMA_M if sample.sigma_m is None else sample.sigma_m,
     )
     return read(estimates, index, estimates.beams[index], reading, config)

@@ -99,8 +99,6 @@ def needed_parameters(stack: Stack) -> tuple[str, ...]:
             "ATC_ANG_RLL_P",
             "ATC_ANG_PIT_P",
             "ATC_RATE_FF_ENAB",
-            "ATC_ACCEL_R_MAX",
-            "ATC_ACCEL_P_MAX",
         )
     if stack is Stack.PX4:
         return ("MPC_THR_HOVER", "THR_MDL_FAC", "MC_ROLL_P", "MC_PITCH_P")

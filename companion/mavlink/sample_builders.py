@@ -85,16 +85,16 @@ def distance_sensor(
         sigma = None
     return samples.Range(
         *head,
-        direction,
-        orientation,
-        sensor,
-        distance,
-        low,
-        high,
-        sigma,
-        quality or None,
-        verdict,
-        name,
+        direction_frd=direction,
+        orientation=orientation,
+        sensor_id=sensor,
+        distance_m=distance,
+        min_m=low,
+        max_m=high,
+        sigma_m=sigma,
+        quality=quality or None,
+        verdict=verdict,
+        source=name,
     )
 
 
@@ -102,7 +102,19 @@ def rangefinder(head: Head, name: str, distance: float) -> samples.Range | None:
     if math.isnan(distance):
         return None
     verdict = range_verdict(distance, NAN, NAN, 0, True)
-    return samples.Range(*head, DOWN, 25, 0, distance, NAN, NAN, None, None, verdict, name)
+    return samples.Range(
+        *head,
+        direction_frd=DOWN,
+        orientation=25,
+        sensor_id=0,
+        distance_m=distance,
+        min_m=NAN,
+        max_m=NAN,
+        sigma_m=None,
+        quality=None,
+        verdict=verdict,
+        source=name,
+    )
 
 
 _NORTHWARD_FRAMES = (0, 1)

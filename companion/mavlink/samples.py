@@ -72,7 +72,7 @@ class Imu(Sample):
     """Message name, with the sensor's id where it is not 0: ``HIGHRES_IMU``, ``RAW_IMU:1``."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Range(Sample):
     """One reading of a rangefinder along its own beam (slant, not height)."""
 

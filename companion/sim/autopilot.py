@@ -153,7 +153,7 @@ class Shaper:
         self.accel = towards(self.accel, demand, self.jerk_max * dt)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Loop:
     """A PID controller of one axis: bounded integral, derivative of the error behind a low pass."""
 
@@ -194,7 +194,7 @@ class PositionTarget:
     time_s: float = 0.0
 
 
-@dataclass
+@dataclass(kw_only=True)
 class AttitudeDemand:
     """A demand in SET_ATTITUDE_TARGET."""
 
@@ -235,9 +235,13 @@ class Autopilot:
         self.axes = [Shaper(*limit) for limit in limits]
         """North, east and down of the shaped position target."""
         rate_gains = zip(g.rate_p, g.rate_i, g.rate_d, strict=True)
-        self._rate_loops = [Loop(*pid, RATE_I_MOST, SHARE_20_HZ) for pid in rate_gains]
-        vel_gains = (g.vel_xy_p, g.vel_xy_i, g.vel_xy_d)
-        self._vel_loops = [Loop(*vel_gains, VEL_I_MOST, SHARE_5_HZ) for _ in range(2)]
+        self._rate_loops = [
+            Loop(p=p, i=i, d=d, most=RATE_I_MOST, share=SHARE_20_HZ) for p, i, d in rate_gains
+        ]
+        self._vel_loops = [
+            Loop(p=g.vel_xy_p, i=g.vel_xy_i, d=g.vel_xy_d, most=VEL_I_MOST, share=SHARE_5_HZ)
+            for _ in range(2)
+        ]
         self.attitude = AttitudeDemand()
         self.target = PositionTarget()
         self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases

@@ -121,7 +121,7 @@ class Surroundings:
     air: bool = True
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Causes:
     """The wrench of each cause about the CG, body FRD, at the last step."""
 
@@ -133,7 +133,7 @@ class Causes:
     contact: Wrench6 = ZERO6
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Pack:
     """A six-cell battery: open-circuit voltage falling with charge, behind a resistance (typical of LiPo packs)."""
 
@@ -198,7 +198,7 @@ def euler(q: Sequence[float]) -> Vec:
     )
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Body:
     """A vehicle in its surroundings. ``seed`` draws the law of the air and what the vehicle file has slightly wrong."""
 
@@ -244,9 +244,12 @@ class Body:
         for fan in self.vehicle.fans:
             count = len(fan.rotors)
             each = (fan.cq or 0.0) / count * self._per_rpm2 * self.radius
+            x, y, z = fan.position_m
             fans.append(
                 SimFan(
-                    *fan.position_m,
+                    x=x,
+                    y=y,
+                    z=z,
                     lip=fan.lip_radius_m,
                     rotors=tuple(range(first, first + count)),
                     ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, COEFFICIENT_SD),

@@ -26,7 +26,7 @@ DRAG_ARM_RADII = 0.75
 """Momentum drag acts this far above the fan's reference point [rotor radii]: where a duct's inlet takes the air in."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SimFan:
     """A fan prepared for the inner loop: reference point from the CG [m], lip radius [m], indices of its rotors."""
 

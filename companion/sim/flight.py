@@ -35,7 +35,13 @@ class SimulatedFlight:
         self.scenario = scenario
         self.seed = seed
         air = law or law_of(scenario.name, seed)
-        self.body = Body(vehicle, scenario.surroundings, air, seed, motor=autopilot.motor)
+        self.body = Body(
+            vehicle=vehicle,
+            surroundings=scenario.surroundings,
+            law=air,
+            seed=seed,
+            motor=autopilot.motor,
+        )
         self.estimator = estimator(self.body, seed)
         self.autopilot = autopilot(vehicle, HOVER_PARAM_SHARE * vehicle.hover_thrust)
         named = [(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]

@@ -322,7 +322,14 @@ class VehicleLink:
             rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
         roll, pitch, yaw = (0.0, 0.0, 0.0) if rates else euler(m.q)
         pilot.fly_attitude(
-            AttitudeDemand(roll, pitch, yaw, rates, max(0.0, min(1.0, m.thrust)), now)
+            AttitudeDemand(
+                roll=roll,
+                pitch=pitch,
+                yaw=yaw,
+                rates=rates,
+                thrust=max(0.0, min(1.0, m.thrust)),
+                time_s=now,
+            )
         )
         if now - self.attitude_stream_s > 0.3:
             self.attitude_since_s = now

@@ -29,7 +29,7 @@ BEAM_DIRECTIONS: dict[int, Vec] = {
 """Beam directions, body FRD, of the orientations that a simulated rangefinder may have."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Estimate:
     """The autopilot's belief: attitude, rates [rad/s], NED position and velocity, specific force [m/s^2]."""
 
@@ -91,9 +91,12 @@ class Estimator:
         qz = z - y * ex + x * ey + w * ez
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
         unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
+        roll, pitch, yaw = euler(unit)
         return Estimate(
-            unit,
-            *euler(unit),
+            quaternion=unit,
+            roll=roll,
+            pitch=pitch,
+            yaw=yaw,
             rates=_sum(body.rates, self._gyro_bias, [gauss(0.0, 0.008) for _ in range(3)]),
             position=_sum(body.position, self._position_bias, [0.004 * v for v in where]),
             velocity=_sum(body.velocity, [0.01 * v for v in speed]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,18 @@ SHIPPED = {"tandem": TANDEM, "quad": QUAD}
 
 
 def vehicle_path(text: str) -> Path:
-    """The value of ``--vehicle``, for argparse: a file, or the name of one that ships."""
+    """The value of ``--vehicle``, for argparse: a file, or the name of one that ships.
+
+    A word that is neither is refused with the names that are.
+    """
     path = Path(text)
     if path.exists():
         return path
+    if text not in SHIPPED and path.name == text and not path.suffix:
+        raise ArgumentTypeError(
+            f"{text}: there is no such file, and no vehicle of this name ships; those that do: "
+            f"{', '.join(sorted(SHIPPED))}"
+        )
     return SHIPPED.get(text, path)
 
 

@@ -38,16 +38,11 @@ class Coordinates:
         """Inputs (n, 3) and gates (n, 6) at flat arrays h, d, rpm (n,)."""
         th = unit(h, self.h_near, self.h_far)
         td = unit(d, self.d_near, self.d_far)
-        x = np.stack(
-            [
-                1 - 2 * (1 - th) ** 2,
-                1 - 2 * (1 - td) ** 2,
-                2 * unit(rpm, self.rpm_low, self.rpm_high) - 1,
-            ],
-            -1,
-        )
-        if self.rpm_high <= self.rpm_low:
-            x[:, 2] = 0.0
+        x = np.zeros((len(th), 3))
+        x[:, 0] = 1 - 2 * (1 - th) ** 2
+        x[:, 1] = 1 - 2 * (1 - td) ** 2
+        if self.rpm_high > self.rpm_low:
+            x[:, 2] = 2 * unit(rpm, self.rpm_low, self.rpm_high) - 1
         near_h = (1 - th * th) ** 3
         near_d = (1 - td * td) ** 3
         any_surface = 1 - (1 - near_h) * (1 - near_d)

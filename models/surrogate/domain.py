@@ -35,11 +35,13 @@ class Domain:
         """Trust (n,) at coordinates x (n, >= 2) in [-1, 1] that belong to h, d, rpm (n,); none of them NaN."""
         p = (x[:, :2] + 1.0) * PER_UNIT
         cell = np.minimum(p, LAST_CELL).astype(np.intp)
-        (fx, fy), (i, j) = (p - cell).T, cell.T
-        m = self.map
-        inside = (1 - fx) * ((1 - fy) * m[i, j] + fy * m[i, j + 1]) + fx * (
-            (1 - fy) * m[i + 1, j] + fy * m[i + 1, j + 1]
-        )
+        fx, fy = (p - cell).T
+        # One index into the rows of the map behind each other takes half of the time of two.
+        corner = cell[:, 0] * NODES + cell[:, 1]
+        m = self.map.ravel()
+        left = (1 - fy) * m[corner] + fy * m[corner + 1]
+        right = (1 - fy) * m[corner + NODES] + fy * m[corner + NODES + 1]
+        inside = (1 - fx) * left + fx * right
         low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
         high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
         return np.asarray(

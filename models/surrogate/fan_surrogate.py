@@ -162,21 +162,23 @@ class FanSurrogate:
         n = math.prod(shape)
         # Adding zeros broadcasts as numpy's broadcast_to does, which keeps some memory of each call.
         h, d, rpm = ((a if a.shape == shape else a + np.zeros(shape)).ravel() for a in arrays)
-        wrench = np.empty((n, 6))
-        sigma = np.empty((n, 6))
-        trust = np.empty(n)
-        for start in range(0, n, CHUNK):
-            part = slice(start, start + CHUNK)
-            wrench[part], sigma[part], trust[part] = self._batch(h[part], d[part], rpm[part])
+        if n <= CHUNK:
+            wrench, sigma, trust = self._batch(h, d, rpm)
+        else:
+            parts = [slice(start, start + CHUNK) for start in range(0, n, CHUNK)]
+            answers = [self._batch(h[part], d[part], rpm[part]) for part in parts]
+            wrench, sigma, trust = map(np.concatenate, zip(*answers, strict=True))
         for correction in self._corrections:
             wrench, trust = correction.amended(h, d, wrench, self.free_air(rpm), trust)
         return Answer(wrench.reshape(*shape, 6), sigma.reshape(*shape, 6), trust.reshape(shape))
 
     def _batch(self, h: Array, d: Array, rpm: Array) -> tuple[Array, Array, Array]:
-        known = (h >= 0.0) & (d >= 0.0) & (rpm >= 0.0) & (rpm < np.inf)
-        h = np.where(known, h, np.inf)
-        d = np.where(known, d, np.inf)
-        rpm = np.where(known, rpm, 0.0)
+        unknown = ~((h >= 0.0) & (d >= 0.0) & (rpm >= 0.0) & (rpm < np.inf))
+        some_unknown = unknown.any()
+        if some_unknown:
+            h = np.where(unknown, np.inf, h)
+            d = np.where(unknown, np.inf, d)
+            rpm = np.where(unknown, 0.0, rpm)
         x, gate = self.coordinates.inputs(h, d, rpm)
         lift = self.free_air_law.lift(rpm)[:, None]
         mean, spread = self.regressor.predict(x)
@@ -186,6 +188,8 @@ class FanSurrogate:
         wrench = lift * (gate * mean + share)
         sigma = lift * np.sqrt(spread + floor2)
         trust = self.domain.trust(x, h, d, rpm) / (1.0 + spread @ doubt)
-        wrench[~known] = np.nan
-        sigma[~known] = np.nan
-        return wrench, sigma, np.where(known, trust, 0.0)
+        if some_unknown:
+            wrench[unknown] = np.nan
+            sigma[unknown] = np.nan
+            trust[unknown] = 0.0
+        return wrench, sigma, trust

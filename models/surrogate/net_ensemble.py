@@ -25,6 +25,11 @@ class NetEnsemble:
         self.w1, self.b1, self.w2, self.b2 = (
             np.ascontiguousarray(a, dtype=float) for a in (w1, b1, w2, b2)
         )
+        k, six, n_in, hidden = self.w1.shape
+        self._inner = 2.0 * self.w1.reshape(k * six, n_in, hidden)
+        self._inner_shift = 2.0 * self.b1.reshape(k * six, 1, hidden)
+        self._outer = -2.0 * self.w2.reshape(k * six, hidden, 1)
+        self._outer_shift = (self.b2 + self.w2.sum(axis=-1)).reshape(k * six, 1)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread (standard deviation over members), each (n, 6), at inputs (n, n_in)."""
@@ -32,22 +37,25 @@ class NetEnsemble:
         spread = np.empty((len(x), 6))
         for start in range(0, len(x), CHUNK):
             out = self.outputs(x[start : start + CHUNK])
-            mean[start : start + CHUNK] = out.mean(axis=0)
-            spread[start : start + CHUNK] = out.std(axis=0, ddof=1) if len(self.w1) > 1 else 0.0
+            middle = out.mean(axis=0)
+            mean[start : start + CHUNK] = middle
+            if len(out) > 1:
+                spread[start : start + CHUNK] = out.std(axis=0, ddof=1, mean=middle[None])
+            else:
+                spread[start : start + CHUNK] = 0.0
         return mean, spread
 
     def outputs(self, x: Array) -> Array:
         """Each member's answer (K, n, 6) at inputs (n, n_in), with tanh(a) = 1 - 2 / (1 + e^(2a))."""
-        k, six, n_in, hidden = self.w1.shape
-        z = np.matmul(x, 2.0 * self.w1.reshape(k * six, n_in, hidden))
-        z += 2.0 * self.b1.reshape(k * six, 1, hidden)
+        z = np.matmul(x, self._inner)
+        z += self._inner_shift
         with np.errstate(over="ignore"):
             np.exp(z, out=z)
         z += 1.0
         np.reciprocal(z, out=z)
-        y = np.matmul(z, -2.0 * self.w2.reshape(k * six, hidden, 1))[..., 0]
-        y += (self.b2 + self.w2.sum(axis=-1)).reshape(k * six, 1)
-        return np.asarray(y.reshape(k, six, len(x)).transpose(0, 2, 1))
+        y = np.matmul(z, self._outer)[..., 0]
+        y += self._outer_shift
+        return np.asarray(y.reshape(*self.b2.shape, len(x)).transpose(0, 2, 1))
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""

@@ -49,6 +49,8 @@ class Comparison:
     numbers: Mapping[str, Any]
     tasks: tuple[Task, ...]
     answers: Mapping[str, list[Array]]
+    first: Mapping[str, Regressor]
+    """Of each method the one that was trained on the first task."""
 
 
 def compare(
@@ -79,10 +81,12 @@ def compare(
     notes += train.constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
     answers: dict[str, list[Array]] = {}
+    first: dict[str, Regressor] = {}
     for method in train.METHODS:
         answers[method] = []
         for k, task in enumerate(tasks):
             regressor = _fit(method, task, epochs, rng)
+            first.setdefault(method, regressor)
             answers[method].append(task.problem.gate * regressor.predict(task.problem.x)[0])
             progress(method, k + 1, len(tasks))
     numbers = {
@@ -100,7 +104,7 @@ def compare(
     }
     numbers["use"] = recommend(numbers)
     numbers["seconds"] = round(time.perf_counter() - start, 1)
-    return Comparison(numbers, tuple(tasks), answers)
+    return Comparison(numbers, tuple(tasks), answers, first)
 
 
 def _tasks(data: DataSet, live: Mask, splits: int, rng: np.random.Generator) -> list[Task]:
@@ -293,16 +297,20 @@ def write_page(directory: Path, result: Comparison, command: str) -> Path:
         verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
         f"<pre>{escape(text(result.numbers))}</pre>",
         "<div "
-        f'class="plots">{"".join(_held_out(result, method) for method in train.METHODS)}</div>',
+        f'class="plots">{"".join(regression(result, method) for method in train.METHODS)}</div>',
     ]
     return write_document("--report", directory / "report.html", document(head, parts))
 
 
-def _held_out(result: Comparison, method: str) -> str:
-    """Increments of a method over those of the data, on the held-out rows of the first split; on the line: equal."""
+def regression(result: Comparison, method: str, *, tested: bool = True) -> str:
+    """Increments of a method over those of the data, on the held-out or the learnt rows of the first split.
+
+    Equal ones are on the line.
+    """
     task = result.tasks[0]
-    answer = result.answers[method][0][result.tasks[0].test]
-    data = task.problem.y[task.test]
+    rows = task.test == tested
+    answer = result.answers[method][0][rows]
+    data = task.problem.y[rows]
     lines = [
         Line(data[:, k], answer[:, k], kind, axis, points=True)
         for k, (axis, kind) in enumerate(zip(AXES, COLOURS, strict=True))
@@ -310,7 +318,7 @@ def _held_out(result: Comparison, method: str) -> str:
     ]
     shown = np.array([data.min(), data.max()])
     return figure(
-        f"{method}, held out",
+        f"{method}, {'held out' if tested else 'learnt'}",
         [*lines, Line(shown, shown, "d")],
         "increment, data",
         "increment, surrogate",

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 import socket
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from companion.page.feed import read_address
 from models.common.arguments import INTERRUPTED
 from models.common.errors import ConfigError
+
+if TYPE_CHECKING:
+    from replay.desk.store import Desk
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, or the port is taken; 130 interrupted. The walk over the page:
 docs/desk.md."""
@@ -49,22 +53,31 @@ def run(a: argparse.Namespace) -> int:
     """Serve until interrupted; UserErrors are reported by the caller."""
     address = read_address(a.address, "replay serve")
     try:
-        import uvicorn
-
-        from replay.desk.app import app
+        import_module("uvicorn")
         from replay.desk.store import Desk
     except ModuleNotFoundError as error:
         raise ConfigError(
             f"serve: needs the package {error.name}: pip install 'corner-compensator[serve]'"
         ) from None
 
-    desk = Desk.of(a.folder)
     try:
         listening = socket.create_server(address)
     except OSError as error:
         raise ConfigError(
             f"{a.address}: cannot be served ({error.strerror}); name another"
         ) from None
+    # After the port, so that a start that fails leaves no folder.
+    with listening:
+        _serve(a, listening, Desk.of(a.folder))
+    # Nothing else ends it; the interrupt may be spent on the server's own shutdown.
+    return INTERRUPTED
+
+
+def _serve(a: argparse.Namespace, listening: socket.socket, desk: Desk) -> None:
+    import uvicorn
+
+    from replay.desk.app import app
+
     host, port = listening.getsockname()[:2]
     if not a.quiet:
         if host == "0.0.0.0":
@@ -77,5 +90,3 @@ def run(a: argparse.Namespace) -> int:
         )
     config = uvicorn.Config(app(desk), log_level="error", timeout_graceful_shutdown=2)
     uvicorn.Server(config).run(sockets=[listening])
-    # Nothing else ends it; the interrupt may be spent on the server's own shutdown.
-    return INTERRUPTED

@@ -64,9 +64,18 @@ def _decided(d: Decision) -> Iterator[Quantity]:
 
 
 def _modelled(seen: Disturbance | None) -> Iterator[Quantity]:
-    seen = seen or Disturbance(
-        (math.nan,) * 6, *(math.nan,) * 3, (math.nan,), (math.nan,), *(_ABSENT,) * 3
-    )
+    if seen is None:
+        seen = Disturbance(
+            wrench=(math.nan,) * 6,
+            free_lift_n=math.nan,
+            trust=math.nan,
+            gain=math.nan,
+            h_m=(math.nan,),
+            d_m=(math.nan,),
+            ground=_ABSENT,
+            wall=_ABSENT,
+            ceiling=_ABSENT,
+        )
     for name, value in zip(("fx", "fy", "fz", "mx", "my", "mz"), seen.wrench, strict=True):
         unit, tail = ("N", "n") if name[0] == "f" else ("N m", "n_m")
         yield Quantity(

@@ -45,7 +45,13 @@ LIMIT_S = 400.0
 def one_vehicle(vehicle: Vehicle, scenario: Any, seed: int) -> SimulatedFlight:
     """A flight of the one vehicle in the one air; ``seed`` draws turbulence and sensor errors."""
     flight = simulated(vehicle, scenario, seed, law=disturbed(AIR))
-    body = Body(vehicle, scenario.surroundings, disturbed(AIR), BUILD, motor=flight.body.motor)
+    body = Body(
+        vehicle=vehicle,
+        surroundings=scenario.surroundings,
+        law=disturbed(AIR),
+        seed=BUILD,
+        motor=flight.body.motor,
+    )
     # The sensors hold the body that they were built with: it is given the build of the one vehicle.
     for name in ("_fans", "_vanes", "_rotor_gain", "_rpm_full"):
         setattr(flight.body, name, getattr(body, name))

@@ -30,7 +30,19 @@ FREE = {"excited": 0.0, "robust_sigmas": 1e9}
 
 
 def table(n: int = 4, sd: float = 1.0, per_minute: float = 0.1) -> tuple[Size, ...]:
-    return tuple(Size(f"s{k}", "1", 1.0, 1.0, sd, per_minute, -5.0, 7.0) for k in range(n))
+    return tuple(
+        Size(
+            name=f"s{k}",
+            unit="1",
+            as_modelled=1.0,
+            mean=1.0,
+            sd=sd,
+            per_minute=per_minute,
+            low=-5.0,
+            high=7.0,
+        )
+        for k in range(n)
+    )
 
 
 def update(

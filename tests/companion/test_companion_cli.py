@@ -118,6 +118,17 @@ def test_a_model_of_another_schema_is_refused(tmp_path):
     one_line(companion("--connect", "udp:127.0.0.1:5", "--model", str(tmp_path)), 2, "model.json")
 
 
+@pytest.mark.parametrize(
+    "command", [["--connect", "udp:127.0.0.1:1", "--vehicle", "quadd"], ["--vehicle", "tandm"]]
+)
+def test_a_vehicle_s_name_that_does_not_ship_is_refused_with_those_that_do(command, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(command)
+    assert left.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "those that do: quad, tandem" in line
+
+
 def test_a_port_in_use_is_exit_code_4():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

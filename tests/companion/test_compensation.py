@@ -23,15 +23,15 @@ NOWHERE = Surface(Seen.UNDECLARED)
 def wanted(lost: float, base_thrust: float = 0.5) -> Offset:
     """With a model that says that the surroundings take this share of the lift in free air."""
     push = Disturbance(
-        (0.0, 0.0, lost * FREE_N, 0.0, 0.0, 0.0),
-        FREE_N,
-        1.0,
-        1.0,
-        (),
-        (),
-        NOWHERE,
-        NOWHERE,
-        NOWHERE,
+        wrench=(0.0, 0.0, lost * FREE_N, 0.0, 0.0, 0.0),
+        free_lift_n=FREE_N,
+        trust=1.0,
+        gain=1.0,
+        h_m=(),
+        d_m=(),
+        ground=NOWHERE,
+        wall=NOWHERE,
+        ceiling=NOWHERE,
     )
     return wanted_offset(push, None, CONFIG, THRUST, base_thrust, LEVEL, 0.02)[0]
 

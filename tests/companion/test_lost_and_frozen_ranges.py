@@ -49,7 +49,19 @@ class Room:
         for target, distance in readings.items():
             verdict = RangeVerdict.ABOVE_MAX if distance >= limit else RangeVerdict.OK
             reading = Range(
-                self.t, 1, 1, BEAMS[target], 0, 0, distance, 0.05, limit, None, None, verdict, "x"
+                self.t,
+                1,
+                1,
+                direction_frd=BEAMS[target],
+                orientation=0,
+                sensor_id=0,
+                distance_m=distance,
+                min_m=0.05,
+                max_m=limit,
+                sigma_m=None,
+                quality=None,
+                verdict=verdict,
+                source="x",
             )
             self.estimates = take(self.estimates, reading, self.config)
 

@@ -302,13 +302,34 @@ def test_offsets_stay_within_the_vehicles_limits_and_slew():
 floats = st.floats(-1e4, 1e4) | st.sampled_from([math.nan, math.inf, -math.inf, 0.0])
 times = st.floats(9.0, 12.0)
 unit = st.floats(-3.2, 3.2).map(lambda a: quaternion_from_euler(a, a / 3, a / 2))
+
+
+def range_down(t, distance, verdict):
+    """A reading downwards."""
+    return Range(
+        t,
+        1,
+        1,
+        direction_frd=DOWN,
+        orientation=25,
+        sensor_id=0,
+        distance_m=distance,
+        min_m=0.1,
+        max_m=8.0,
+        sigma_m=None,
+        quality=None,
+        verdict=verdict,
+        source="x",
+    )
+
+
 samples = st.one_of(
     st.builds(lambda t, q: Attitude(t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE"), times, unit),
     st.builds(
         lambda t, a, b: LocalPosition(t, 1, 1, (a, b, a), (b, a, b)), times, st.floats(-1e3, 1e3), st.floats(-9, 9)
     ),
     st.builds(
-        lambda t, d, v: Range(t, 1, 1, DOWN, 25, 0, d, 0.1, 8.0, None, None, v, "x"),
+        range_down,
         times, floats, st.sampled_from(RangeVerdict),
     ),
     st.builds(lambda t, r: RotorSpeeds(t, 1, 1, 1, (r, 4000.0, r, 4000.0), "x"), times, floats),

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from companion.estimation.range_geometry import (
     fan_wall_distances,
     nearest_level,
     plane_distance,
+    plane_distance_now,
     wall_bearing,
 )
 from companion.vehicles import default_vehicle
@@ -86,6 +88,35 @@ def test_a_record_gives_what_its_instants_give():
             assert fan_wall_distances(
                 vehicle, one.distance_m, one.normal_ned, rotations[k]
             ) == pytest.approx(lips[k], nan_ok=True)
+
+
+@pytest.mark.parametrize("target", ["wall", "ground", "ceiling"])
+def test_an_instant_in_plain_floats_is_the_same_plane(target):
+    beams = {"wall": (0.0, 1.0, 0.0), "ground": (0.0, 0.0, 1.0), "ceiling": (0.0, 0.0, -1.0)}
+    mount = (0.1, 0.2, -0.05)
+    rng = np.random.default_rng(0)
+    seen = []
+    for slant, height in itertools.product(
+        (0.1, 1.0, 3.0, 9.0, math.inf, math.nan), (0.2, 1.0, math.inf, math.nan)
+    ):
+        for roll, pitch, yaw in rng.uniform(-0.8, 0.8, (5, 3)):
+            rotation = turned(roll, pitch, yaw)
+            plane = plane_distance(target, beams[target], mount, slant, rotation, height, 0.165)
+            distance, normal = plane_distance_now(
+                target=target,
+                beam_ned=tuple((rotation @ beams[target]).tolist()),
+                position_m=mount,
+                slant_m=slant,
+                rotation=tuple(map(tuple, rotation.tolist())),
+                height_cg_m=height,
+                rotor_radius_m=0.165,
+            )
+            assert distance == pytest.approx(float(plane.distance_m), rel=1e-12, nan_ok=True)
+            assert normal == pytest.approx(plane.normal_ned.tolist(), rel=1e-12)
+            seen.append(distance)
+    assert any(map(math.isnan, seen))
+    assert any(map(math.isinf, seen))
+    assert any(map(math.isfinite, seen))
 
 
 NORTH, EAST, NORTH_EAST = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.87, 0.5, 0.0)

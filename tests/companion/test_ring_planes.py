@@ -368,7 +368,7 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
 
 
 def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
-    listener = Listener(replace(CONFIG, vehicle=VEHICLE))
+    listener = Listener(config=replace(CONFIG, vehicle=VEHICLE))
     listener.samples[Ring] = [ring_of(8, [(0.0, 1.0)])]
     (item,) = [
         i
@@ -377,7 +377,7 @@ def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
     ]
     assert item.verdict is Verdict.WARN
     assert "ring = 8" in (item.do or "")
-    listener = Listener(replace(CONFIG, vehicle=RINGED))
+    listener = Listener(config=replace(CONFIG, vehicle=RINGED))
     (item,) = [
         i
         for i in _ranges(listener, CheckSetup(config=listener.config, vehicle_file="x.toml"))

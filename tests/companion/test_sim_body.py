@@ -19,7 +19,9 @@ NEUTRAL = [1000.0] * 4 + [1500.0] * 2 + [0.0] * 10
 
 
 def still(name: str = "tandem", **surroundings: float) -> Body:
-    return Body(vehicle(name), Surroundings(**surroundings), NOMINAL, seed=1)
+    return Body(
+        vehicle=vehicle(name), surroundings=Surroundings(**surroundings), law=NOMINAL, seed=1
+    )
 
 
 def test_it_stands_still_on_its_feet():
@@ -69,7 +71,7 @@ def test_a_wall_pulls_and_tilts_towards_itself(azimuth):
 def test_the_ground_lifts_and_its_air_can_be_taken_away():
     lifts = []
     for air in (True, False):
-        body = Body(vehicle(), Surroundings(air=air), NOMINAL, seed=1)
+        body = Body(vehicle=vehicle(), surroundings=Surroundings(air=air), law=NOMINAL, seed=1)
         body.position[2] = -0.165
         body.rpm = [4000.0] * 4
         body.step([1673.0] * 4 + NEUTRAL[4:])

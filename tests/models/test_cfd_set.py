@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cfd_statements import AGREES, DISAGREES, check, summary, text
+from cfd_statements import summary, text
 
 from models import dataset
 from models.cfd import campaign, config, table
@@ -17,6 +17,7 @@ from models.cfd.assemble import assemble, mesh_error, write_data, write_marks
 from models.cfd.case_run import Result, Row, error_of_mean
 from models.cfd.labels import labels
 from models.cfd.position import Position, near
+from models.cfd.statements import AGREES, DISAGREES, check
 from models.cli import main
 from models.common.errors import ModelError
 

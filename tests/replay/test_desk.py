@@ -387,6 +387,7 @@ def test_a_wrong_start_is_one_line(tmp_path, capsys, arguments, word):
         filled = [a.format(file=tmp_path / "file", port=port) for a in arguments]
         extra = [] if "--folder" in filled else ["--folder", str(tmp_path / "desk")]
         assert main(["serve", *filled, *extra]) == 2
+    assert not (tmp_path / "desk").exists(), "a start that failed leaves no folder"
     (line,) = capsys.readouterr().err.splitlines()
     assert word in line
 

@@ -33,7 +33,7 @@ class BestAnswer:
         b.world.stall(1.0)
         autopilot = b.flight.autopilot
         thrust = autopilot.attitude.thrust
-        autopilot.fly_attitude(AttitudeDemand(-self.tilt_rad, thrust=thrust, time_s=b.now_s))
+        autopilot.fly_attitude(AttitudeDemand(roll=-self.tilt_rad, thrust=thrust, time_s=b.now_s))
 
     def watch(self, b: Bench) -> None:
         """Until it flies away from the wall."""
