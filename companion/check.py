@@ -207,7 +207,7 @@ def may_fly(found: Iterable[Item]) -> bool:
 
 def silent(heard: Listener) -> bool:
     """Whether no autopilot was heard at all: that is a fault of the link, not of the vehicle."""
-    return heard.state.heartbeat is None
+    return heard.state.heard.heartbeat is None
 
 
 def as_json(found: list[Item]) -> dict[str, Any]:
