@@ -11,7 +11,7 @@ from models.air_state import AirState
 from models.common.frames import Array
 from models.common.frozen_copy import with_changes
 from models.effects import Context, adopted_wrench, get
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 

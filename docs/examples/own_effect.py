@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from models.effects import catalogue
-from models.effects.effect import Coefficient, Context, Effect
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.vehicle import load_vehicle
 from replay.diagnosis.diagnose import conclude, read_records
 

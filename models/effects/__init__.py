@@ -13,15 +13,11 @@ import numpy as np
 from models.air_state import AirState
 from models.common.errors import ModelError
 from models.common.frames import AXES, Array
-from models.effects.effect import (
-    AdoptedEffect,
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    FlightUse,
-    InFlight,
-)
+from models.effects.adopted_effect import AdoptedEffect
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse, InFlight
 
 __all__ = [
     "AdoptedEffect",

@@ -11,8 +11,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import mean, more, over_thrust
+from models.effects.shown import Shown
 from models.vehicle import RHO_SEA_LEVEL
 
 

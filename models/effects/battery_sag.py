@@ -13,8 +13,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context, through
+from models.effects.effect import Effect
 from models.effects.pictures import more, nearest, over
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 ANSWERED = 0.003
 """Standard deviation of ``ohmic`` where the thrust only answers disturbances."""
@@ -89,8 +93,10 @@ EFFECT = Effect(
     grid=_grid,
     lacking=_lacking,
     # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
-    chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
     contains=("thrust_scale",),
+    search=SearchHints(
+        chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
+    ),
     aliases=("thermal_derating", "thrust_scale"),
     shown=Shown(lambda ctx, axis: over("battery [V]", ctx.state.battery_voltage_v, axis), _words),
 )

@@ -11,8 +11,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import force_words, over_speed
+from models.effects.shown import Shown
 from models.vehicle import RHO_SEA_LEVEL
 
 
@@ -45,6 +48,7 @@ EFFECT = Effect(
     ),
     wrenches=_wrenches,
     main=("front", "side"),
+    law=True,
     aliases=("rotor_drag",),
     shown=Shown(over_speed, _words),
 )

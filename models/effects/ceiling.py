@@ -11,17 +11,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import (
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    FlightUse,
-    Shape,
-    Shown,
-    where_seen,
-)
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse
+from models.effects.lacking import where_seen
 from models.effects.pictures import fan_mean, more, nearest, over
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:

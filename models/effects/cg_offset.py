@@ -11,8 +11,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import over_thrust
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 from models.vehicle_wrench import vane_wrench
 
 
@@ -44,7 +48,9 @@ EFFECT = Effect(
         for a in "xy"
     ),
     wrenches=_wrenches,
-    needs_moments=True,
+    search=SearchHints(
+        needs_moments=True,
+    ),
     aliases=("fan_imbalance", "wall_effect"),
     shown=Shown(over_thrust, _words),
 )

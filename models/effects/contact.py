@@ -11,8 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
 from models.effects.pictures import force_words, over_surfaces
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -76,9 +81,11 @@ EFFECT = Effect(
     shapes=(Shape(name="reach_m", unit="m"),),
     grid=_grid,
     lacking=_lacking,
+    search=SearchHints(
+        form=0.25,
+    ),
     aliases=("wall_effect",),
     # Bumpers are neither linear nor alike, and ranges of a few centimetres are coarse.
-    form=0.25,
     in_flight=NOT_FLOWN,
     main=("stiffness",),
     shown=Shown(over_surfaces, _words),

@@ -12,8 +12,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, FlightUse, Shape, Shown, decay
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context, decay
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse
 from models.effects.pictures import nearest, over_surfaces, percent
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -79,7 +84,10 @@ EFFECT = Effect(
     in_flight=FlightUse(gain=True),
     shapes=(Shape(name="length_radii", unit="1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,
-    chance=lambda ctx: ctx.by_model(0.05, 0.3),
+    law=True,
+    search=SearchHints(
+        chance=lambda ctx: ctx.by_model(0.05, 0.3),
+    ),
     aliases=("wall_effect", "ground_effect"),
     shown=Shown(over_surfaces, _words),
 )

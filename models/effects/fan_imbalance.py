@@ -11,8 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shape, Shown, when
+from models.effects.adopted_effect import when
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import more, over_thrust
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 from models.vehicle_wrench import fan_torques, vane_wrench
 
 
@@ -51,10 +56,12 @@ EFFECT = Effect(
     ),
     main=("scale",),
     wrenches=_wrenches,
-    needs_moments=True,
     shapes=(Shape(name="fan", unit="1", continuous=False),),
     grid=_grid,
-    may_begin=True,
+    search=SearchHints(
+        needs_moments=True,
+        may_begin=True,
+    ),
     aliases=("cg_offset",),
     shown=Shown(over_thrust, _words),
 )

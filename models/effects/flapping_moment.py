@@ -12,8 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import mean, over
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
@@ -48,8 +52,10 @@ EFFECT = Effect(
         Coefficient(name="pitch", unit="1", low=-5.0, high=5.0, typical=0.5),
     ),
     wrenches=_wrenches,
-    needs_moments=True,
-    chance=0.01,
+    search=SearchHints(
+        needs_moments=True,
+        chance=0.01,
+    ),
     aliases=("rotor_drag",),
     shown=Shown(lambda ctx, axis: over("speed forward [m/s]", ctx.velocity[..., 0], axis), _words),
 )

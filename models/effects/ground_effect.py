@@ -11,17 +11,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import (
-    Coefficient,
-    Context,
-    Effect,
-    FlightUse,
-    Shape,
-    Shown,
-    decay,
-    where_seen,
-)
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context, decay
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse
+from models.effects.lacking import where_seen
 from models.effects.pictures import more, nearest, over_height
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -51,7 +48,10 @@ EFFECT = Effect(
     in_flight=FlightUse(gain=True),
     shapes=(Shape(name="length_radii", unit="1", tried=(0.3, 0.45, 0.7, 1.0, 1.4, 2.0)),),
     lacking=where_seen("h_m", "no height over ground in the log"),
-    chance=lambda ctx: ctx.by_model(0.04, 0.3),
+    law=True,
+    search=SearchHints(
+        chance=lambda ctx: ctx.by_model(0.04, 0.3),
+    ),
     aliases=("range_offset", "partial_ground"),
     shown=Shown(over_height, _words),
 )

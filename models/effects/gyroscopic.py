@@ -11,8 +11,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, Coefficient, Context, Drawn, Effect, Shape, Shown
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
 from models.effects.pictures import mean, over
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Drawn, Shown
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 
@@ -75,9 +80,11 @@ EFFECT = Effect(
         Coefficient(name="inertia", unit="kg m^2", low=0.0, high=0.1, typical=likely_inertia),
     ),
     wrenches=_wrenches,
-    needs_moments=True,
     shapes=(Shape(name="all_alike", unit="1", continuous=False, tried=(0.0, 1.0, -1.0)),),
     contains=("rotor_inertia",),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),
+    search=SearchHints(
+        needs_moments=True,
+    ),
 )

@@ -14,8 +14,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
 from models.effects.mounting_tilt import TILTS, tilt_words, tilted_thrust
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 USUAL_M_S2 = 0.3
 MOST_M_S2 = 0.75
@@ -71,9 +76,12 @@ EFFECT = Effect(
     ),
     wrenches=_wrenches,
     lacking=_lacking,
+    every_flight=True,
+    search=SearchHints(
+        chance=0.3,
+    ),
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=NOT_FLOWN,
-    chance=0.3,
     # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
     kinematic_bias=lambda *_: np.eye(3, 5),
     shown=Shown(in_words=_words),

@@ -12,8 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import mean, over_speed, percent
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 from models.vehicle import RHO_SEA_LEVEL
 from models.vehicle_wrench import RPM_TO_RAD_S
 
@@ -71,7 +75,9 @@ EFFECT = Effect(
         Coefficient(name="slope", unit="1", low=0.2, high=20.0, typical=2.5, centre=4.0),
     ),
     wrenches=_wrenches,
-    chance=0.01,
+    search=SearchHints(
+        chance=0.01,
+    ),
     aliases=("vertical_inflow",),
     shown=Shown(over_speed, _words),
 )

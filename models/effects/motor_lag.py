@@ -11,16 +11,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import (
-    NOT_FLOWN,
-    Coefficient,
-    Context,
-    Effect,
-    Shape,
-    Shown,
-    through,
-    where_commanded,
-)
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context, through
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
+from models.effects.lacking import where_commanded
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 LAG_DOUBT_S = 0.035
 
@@ -66,8 +63,11 @@ EFFECT = Effect(
     grid=_grid,
     of_inputs=True,
     lacking=where_commanded,
-    chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.04, 0.2)),
-    searched=("Fz",),
     in_flight=NOT_FLOWN,
     shown=Shown(in_words=_words),
+    law=True,
+    search=SearchHints(
+        chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.04, 0.2)),
+        searched=("Fz",),
+    ),
 )

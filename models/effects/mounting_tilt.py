@@ -14,7 +14,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 USUAL_RAD = 0.0175
 MOST_RAD = 0.07
@@ -68,8 +73,10 @@ EFFECT = Effect(
     coefficients=TILTS,
     wrenches=_wrenches,
     lacking=_lacking,
+    search=SearchHints(
+        chance=0.1,
+    ),
     aliases=("wind", "rotor_drag"),
     in_flight=NOT_FLOWN,
-    chance=0.1,
     shown=Shown(in_words=_words),
 )

@@ -12,8 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown, decay
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context, decay
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
 from models.effects.pictures import over_height
+from models.effects.shown import Shown
 from models.surface_map import COMPONENTS
 from models.vehicle_wrench import fan_rpm
 

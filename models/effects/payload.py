@@ -11,16 +11,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import (
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    Quantity,
-    Shown,
-    when,
-)
+from models.effects.adopted_effect import when
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import percent
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Quantity, Shown
 
 MISSING = 0.25
 """Share of the mass that may be missing: a smaller pack and no camera. Some pack, a quarter of most, is on board."""
@@ -77,11 +74,14 @@ EFFECT = Effect(
         ),
     ),
     wrenches=_wrenches,
-    halvings=4,
-    may_begin=True,
+    every_flight=True,
+    search=SearchHints(
+        halvings=4,
+        may_begin=True,
+        exact=True,
+        chance=0.028,
+    ),
     aliases=("thrust_scale", "air_density"),
-    exact=True,
-    chance=0.028,
     shown=Shown(
         in_words=_words,
         quantities=(Quantity(instead_of="mass", name="mass_kg", unit="kg", of=_mass),),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.common.frames import AXES, Array
-from models.effects.effect import Context, Drawn
+from models.effects.context import Context
+from models.effects.shown import Drawn
 
 _WORDS = {
     "Fx": "extra force forward [N]",

@@ -13,17 +13,13 @@ import numpy as np
 
 from models.air_state import AirState
 from models.common.frames import Array
-from models.effects.effect import (
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    FlightUse,
-    InFlight,
-    Shape,
-    Shown,
-)
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse, InFlight
 from models.effects.pictures import over_height
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 from models.vehicle_wrench import disturbance_wrench
 
 
@@ -73,10 +69,12 @@ EFFECT = Effect(
     shapes=(
         Shape(name="secant_m", unit="m", typical=0.04, tried=(*(-s for s in SIZES_M), *SIZES_M)),
     ),
-    at_shape=True,
     lacking=_lacking,
+    search=SearchHints(
+        at_shape=True,
+        chance=0.03,
+    ),
     aliases=("ground_effect", "vertical_inflow"),
-    chance=0.03,
-    in_flight=FlightUse(InFlight.MEASUREMENT, corrected=_corrected),
+    in_flight=FlightUse(use=InFlight.MEASUREMENT, corrected=_corrected),
     shown=Shown(over_height, _words),
 )

@@ -11,8 +11,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import mean, over
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Drawn, Shown
 
 _RATES = {"Mx": "roll", "My": "pitch", "Mz": "yaw"}
 _TOLD_DEG_S = 90.0
@@ -64,8 +68,10 @@ EFFECT = Effect(
     ),
     main=("roll", "pitch"),
     wrenches=_wrenches,
-    needs_moments=True,
-    chance=0.01,
+    search=SearchHints(
+        needs_moments=True,
+        chance=0.01,
+    ),
     aliases=("vertical_inflow", "rotor_drag"),
     shown=Shown(_drawn, _words),
 )

@@ -10,8 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import force_words, mean, over_speed
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -47,8 +51,11 @@ EFFECT = Effect(
             tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
         ),
     ),
+    law=True,
+    search=SearchHints(
+        chance=0.3,
+    ),
     aliases=("body_drag", "wind"),
-    chance=0.3,
     main=("drag",),
     shown=Shown(over_speed, _words),
 )

@@ -11,9 +11,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, Coefficient, Context, Drawn, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
 from models.effects.gyroscopic import likely_inertia, spin, spin_change
 from models.effects.pictures import over
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Drawn, Shown
 
 
 def _declared(ctx: Context) -> Array:
@@ -56,10 +61,12 @@ EFFECT = Effect(
     wrenches=_wrenches,
     of_inputs=True,
     lacking=_lacking,
-    needs_moments=True,
-    exact=True,
     # Rotors that speed up are flywheels in all else, too: gyroscopic says both, and comes first.
-    chance=0.0005,
+    search=SearchHints(
+        needs_moments=True,
+        exact=True,
+        chance=0.0005,
+    ),
     aliases=("gyroscopic",),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),

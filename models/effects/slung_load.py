@@ -11,18 +11,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import GRAVITY, Array
-from models.effects.effect import (
-    NOT_FLOWN,
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    Quantity,
-    Shape,
-    Shown,
-    through,
-)
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context, through
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
 from models.effects.pictures import mass_words
+from models.effects.shown import Quantity, Shown
 
 DAMPING = 0.04
 DIED_DOWN = 2.0

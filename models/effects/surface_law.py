@@ -14,9 +14,22 @@ from functools import partial
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, FlightUse, InFlight, Shape, Shown
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse, InFlight
 from models.effects.pictures import more, nearest, over_surfaces, percent
-from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
+from models.surface_map import (
+    CELLS,
+    COMPONENTS,
+    MEASURED,
+    PARTS,
+    LawCorrection,
+    cell_name,
+    prior_factor,
+)
 
 SD = {"lift": 0.05, "pull": 0.012, "tilt": 0.05}
 """Standard deviation of the prior close by, of the fan's thrust (tilt: times the radius), at a spread of 1: half of the
@@ -158,13 +171,17 @@ EFFECT = Effect(
     ),
     lacking=_lacking,
     in_flight=FlightUse(
-        InFlight.MODEL,
+        use=InFlight.MODEL,
+        of_model=LawCorrection.of,
         coverage=_seen,
         covered=tuple(cell_name("seen", k) for k in range(MEASURED.size)),
     ),
-    remainder=True,
-    exact=True,
-    chance=lambda ctx: ctx.by_model(0.05, 0.3),
+    law=True,
+    search=SearchHints(
+        remainder=True,
+        exact=True,
+        chance=lambda ctx: ctx.by_model(0.05, 0.3),
+    ),
     aliases=("ground_effect", "wall_effect", "corner_effect"),
     shown=Shown(over_surfaces, _words),
 )

@@ -11,8 +11,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import more, nearest, over
+from models.effects.shown import Shown
 
 STEP_C = 30.0
 

@@ -9,8 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shown, where_commanded
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.lacking import where_commanded
 from models.effects.pictures import more, over_thrust
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 FLATTEST = -0.4
 FELT_WITHIN = 0.1
@@ -68,8 +73,11 @@ EFFECT = Effect(
     ),
     main=("slope", "curvature"),
     lacking=where_commanded,
-    chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.02, 0.3)),
     wrenches=_wrenches,
+    law=True,
+    search=SearchHints(
+        chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.02, 0.3)),
+    ),
     aliases=("thrust_scale", "battery_sag"),
     shown=Shown(over_thrust, _words),
 )

@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from models.common.frames import Array
-from models.effects.effect import Coefficient, Context, Effect, Shown
+from models.effects.coefficient import Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import more, over_thrust
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:

@@ -11,7 +11,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
+from models.effects.flight_use import NOT_FLOWN
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
@@ -49,9 +54,11 @@ EFFECT = Effect(
         for name in ("roll", "pitch", "yaw")
     ),
     wrenches=_wrenches,
-    needs_moments=True,
-    chance=0.005,
-    exact=True,
+    search=SearchHints(
+        needs_moments=True,
+        chance=0.005,
+        exact=True,
+    ),
     aliases=("cg_offset", "fan_imbalance"),
     in_flight=NOT_FLOWN,
     shown=Shown(in_words=_words),

@@ -11,8 +11,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Quantity, Shown
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import mean, over, percent
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Quantity, Shown
 from models.vehicle import RHO_SEA_LEVEL
 from models.vehicle_wrench import RPM_TO_RAD_S
 
@@ -82,8 +86,12 @@ EFFECT = Effect(
         ),
     ),
     main=("slope", "north", "east"),
-    chance=0.3,
     wrenches=_wrenches,
+    law=True,
+    every_flight=True,
+    search=SearchHints(
+        chance=0.3,
+    ),
     aliases=("range_offset",),
     shown=Shown(
         lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis),

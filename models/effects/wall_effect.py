@@ -11,17 +11,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import (
-    Coefficient,
-    Context,
-    Effect,
-    FlightUse,
-    Shape,
-    Shown,
-    decay,
-    where_seen,
-)
+from models.effects.coefficient import Coefficient, Shape
+from models.effects.context import Context, decay
+from models.effects.effect import Effect
+from models.effects.flight_use import FlightUse
+from models.effects.lacking import where_seen
 from models.effects.pictures import nearest, over_surfaces, percent
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Shown
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -58,7 +55,10 @@ EFFECT = Effect(
     in_flight=FlightUse(gain=True),
     shapes=(Shape(name="length_radii", unit="1", tried=(0.4, 0.7, 1.1, 1.7)),),
     lacking=where_seen("d_m", "no wall was seen"),
-    chance=lambda ctx: ctx.by_model(0.05, 0.3),
+    law=True,
+    search=SearchHints(
+        chance=lambda ctx: ctx.by_model(0.05, 0.3),
+    ),
     aliases=("contact", "wind"),
     shown=Shown(over_surfaces, _words),
 )

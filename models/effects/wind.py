@@ -12,18 +12,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import (
-    AdoptedEffect,
-    BelongsTo,
-    Coefficient,
-    Context,
-    Drawn,
-    Effect,
-    Quantity,
-    Shape,
-    Shown,
-)
+from models.effects.adopted_effect import AdoptedEffect
+from models.effects.coefficient import BelongsTo, Coefficient, Shape
+from models.effects.context import Context
+from models.effects.effect import Effect
 from models.effects.pictures import compass, force_words, mean, over
+from models.effects.search_hints import SearchHints
+from models.effects.shown import Drawn, Quantity, Shown
 
 WINDY_DAYS = 0.8
 """Share of the time in which air outdoors moves by more than 1 m/s, 10 m up: a Rayleigh distribution about 2.5 m/s has
@@ -150,9 +145,12 @@ EFFECT = Effect(
             tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
         ),
     ),
+    every_flight=True,
+    search=SearchHints(
+        chance=lambda ctx: ctx.if_outdoors(WINDY_DAYS, elsewhere=0.05),
+    ),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
-    chance=lambda ctx: ctx.if_outdoors(WINDY_DAYS, elsewhere=0.05),
     contains=("rotor_drag",),
     stays=_drag_alone,
     shown=Shown(

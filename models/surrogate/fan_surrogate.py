@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from models.common.errors import ModelError
 from models.common.frames import Array
-from models.effects.effect import AdoptedEffect
+from models.effects import get
+from models.effects.adopted_effect import AdoptedEffect
 from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
@@ -81,15 +82,23 @@ class FanSurrogate:
     """Everything else model.json says: method, data, metrics, fidelity."""
 
     def __post_init__(self) -> None:
-        if "fan" not in self.info and any(e.name == "surface_law" for e in self.effects):
-            raise ModelError(
-                "surface_law needs the fan's radius; diagnose the logs again and save the model"
-            )
+        if "fan" in self.info:
+            return
+        for effect in self.effects:
+            if get(effect.name).in_flight.of_model is not None:
+                raise ModelError(
+                    f"{effect.name} needs the fan's radius; diagnose the logs again and save the "
+                    "model"
+                )
 
     @cached_property
     def _corrections(self) -> list[LawCorrection]:
-        laws = [e.parameters for e in self.effects if e.name == "surface_law"]
-        return [LawCorrection.of(parameters, self.info["fan"]["radius_m"]) for parameters in laws]
+        out = []
+        for effect in self.effects:
+            correct = get(effect.name).in_flight.of_model
+            if correct is not None:
+                out.append(correct(effect.parameters, self.info["fan"]["radius_m"]))
+        return out
 
     @cached_property
     def _scales(self) -> tuple[Array, Array, Array, Array]:

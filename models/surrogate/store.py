@@ -16,7 +16,7 @@ import numpy as np
 
 from models.common.errors import ModelError
 from models.effects import adopted
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
 from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
-from replay.changes.spread import LAWS, VarianceComponent, as_flown, usual
+from replay.changes.spread import VarianceComponent, as_flown, usual
 from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
 from replay.search.estimates import DRAWS, IntervalEstimate, said
@@ -71,7 +71,7 @@ class Baseline:
 
 def learn(records: Sequence[Record]) -> Baseline:
     """The vehicle of some flights on which nothing was wrong."""
-    effects = [_shared(e) for e in catalogue() if not e.remainder]
+    effects = [_shared(e) for e in catalogue() if not e.search.remainder]
     walked = walk(records, effects)
     best = walked.best
     found = []
@@ -83,7 +83,9 @@ def learn(records: Sequence[Record]) -> Baseline:
             explained[f] += x @ b
         found.append(AdoptedEffect(t.name, t.named.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
-    sizes = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
+    sizes = as_flown(
+        usual([e for e in catalogue() if not e.search.remainder], found, records[0]), left
+    )
     return Baseline(tuple(records), tuple(found), tuple(sizes))
 
 
@@ -107,10 +109,12 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
         shapes[e.name] = tuple(e.parameters[s.name] for s in get(e.name).shapes)
     # A load counts as a change; the weather of a flight is in the spread.
     common = [
-        e for e in catalogue() if not e.remainder and (not e.belongs_to.of_day or e.name in shapes)
+        e
+        for e in catalogue()
+        if not e.search.remainder and (not e.belongs_to.of_day or e.name in shapes)
     ]
     same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
-    parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]
+    parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and not e.law]
     other = [_changed(e, e.name in shapes, today.context) for e in parts]
     spread = []
     for r in flights:
@@ -278,7 +282,7 @@ def _changed(effect: Effect, known: bool, today: Context) -> Effect:
 
 def _from_the_start(effect: Effect) -> Effect:
     """What is picked up in flight is no change of the vehicle."""
-    return replace(effect, may_begin=False)
+    return replace(effect, search=replace(effect.search, may_begin=False))
 
 
 def _with_shape(effect: Effect, shape: tuple[float, ...] | None) -> Effect:

@@ -25,18 +25,6 @@ USUAL_SHARE = {
 
 Parts hardly change, a sensor wakes up with another offset, and nothing is known of the weather.
 """
-LAWS = (
-    "body_drag",
-    "corner_effect",
-    "ground_effect",
-    "motor_lag",
-    "rotor_drag",
-    "surface_law",
-    "thrust_curve",
-    "vertical_inflow",
-    "wall_effect",
-)
-"""Laws of the air, of throttle and of lag: flights differ by what these leave out, as much as is typical of them."""
 USUAL_FLIGHTS = 4.0
 """Flights that this counts for."""
 
@@ -85,7 +73,7 @@ def usual(
 
 
 def _share(effect: Effect, coefficient: Coefficient) -> float:
-    if effect.name in LAWS:
+    if effect.law:
         return 1.0
     # A battery is another one as a whole.
     of_load = any(c.belongs_to is BelongsTo.LOAD for c in effect.coefficients)

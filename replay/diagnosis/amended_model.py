@@ -53,7 +53,7 @@ def amended(
         info[LEARNT_FROM] = list(
             (known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values()
         )
-    if "fan" not in info and any(e.name == "surface_law" for e in new):
+    if "fan" not in info and any(get(e.name).in_flight.of_model is not None for e in new):
         # Its map is in rotor radii.
         info["fan"] = identity(
             base.free_air_law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m

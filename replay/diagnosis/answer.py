@@ -10,7 +10,7 @@ import numpy as np
 
 from models.common.frames import AXES, Array
 from models.effects import AdoptedEffect, InFlight
-from models.effects.effect import FROM_S, UNTIL_S
+from models.effects.adopted_effect import FROM_S, UNTIL_S
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import of_one_wind, to_adopt
 from replay.diagnosis.motor_losses import loss_json, loss_text
@@ -69,7 +69,7 @@ class Diagnosis(Searched):
 
     def numbers_of(self, found: Found) -> tuple[IntervalEstimate, ...]:
         """The parameters of an effect as they are said; of what may begin, only times at which it does."""
-        if found.effect.may_begin:
+        if found.effect.search.may_begin:
             always = {FROM_S, UNTIL_S}
         else:
             always = set()
@@ -140,7 +140,7 @@ class Diagnosis(Searched):
             seen = coverage([r.context for r in self.records])
         # A map is of the model's own answer, which has no axes of the body.
         without: tuple[str, ...]
-        if found.effect.remainder:
+        if found.effect.search.remainder:
             without = ()
         else:
             without = found.without

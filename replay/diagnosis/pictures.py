@@ -38,7 +38,9 @@ def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
     effect = found.effect
     record = t.record
     wrench = np.nan_to_num(effect.wrench(record.context, found.of_flight[found.flight]))
-    judged = [a for a in record.axes if not effect.searched or AXES[a] in effect.searched]
+    judged = [
+        a for a in record.axes if not effect.search.searched or AXES[a] in effect.search.searched
+    ]
     wrench[:, np.setdiff1d(np.arange(6), judged)] = 0.0
     size = np.sqrt((wrench[record.valid] ** 2).mean(axis=0)) / np.array(
         [1.0] * 3 + [record.context.lever] * 3

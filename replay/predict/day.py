@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.common.frames import Array
-from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
+from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths
 
 LEARNING_S = 20.0
 """Judged time at the start of a flight from which its day is learnt [s]."""
-ALWAYS = ("imu_bias", "payload", "vertical_inflow", "wind")
-"""Effects that every flight has something of: what a sensor reads too much, the load, and the wind."""
 CORRELATED_S = 0.3
 """Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
 ROUNDS = 3
@@ -88,7 +86,8 @@ def learn_day(
     columns: list[Array] = []
     spread: list[float] = []
     shapes: dict[str, tuple[float, ...]] = {}
-    for effect in map(get, dict.fromkeys((*ALWAYS, *of_day))):
+    common = [effect.name for effect in catalogue() if effect.every_flight]
+    for effect in map(get, dict.fromkeys((*common, *of_day))):
         if effect.lacking(record.context) is not None:
             continue
         shape = tuple(known.get(effect.name, {}).get(s.name, 0.0) for s in effect.shapes)

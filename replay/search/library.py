@@ -101,7 +101,7 @@ class Library:
             usable = self._usable(effect)
             if not usable:
                 self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
-            elif effect.remainder:
+            elif effect.search.remainder:
                 self.remainders.append(effect)
             else:
                 self._add_effect(effect, usable)
@@ -176,7 +176,7 @@ class Library:
                 between = float(value + share * (near - value))
                 # A length at which a curve is linearised may not pass through none.
                 if any(abs(between - g) < 1e-9 for g in grid) or (
-                    effect.at_shape and value * near < 0.0
+                    effect.search.at_shape and value * near < 0.0
                 ):
                     continue
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
@@ -191,7 +191,7 @@ class Library:
         return [f for f, record in enumerate(self.records) if self._reason(effect, record) is None]
 
     def _reason(self, effect: Effect, record: Record) -> str | None:
-        if effect.needs_moments and 3 not in record.axes:
+        if effect.search.needs_moments and 3 not in record.axes:
             return "this log cannot judge moments"
         forces = {AXES.index(a) for a in effect.axes} & {0, 1, 2}
         if forces and not forces & set(record.axes):
@@ -207,7 +207,7 @@ class Library:
         for flight, flights in groups:
             shapes = list(dict.fromkeys(effect.shape_grid(self.records[flights[0]].context)))
             priors = dict(zip(shapes, log_shapes(effect, shapes), strict=True))
-            if effect.may_begin and (effect.all_of_day or len(self.records) == 1):
+            if effect.search.may_begin and (effect.all_of_day or len(self.records) == 1):
                 effect = effect.for_a_time
                 priors = self._begun(effect, flights[0], priors)
             for shape, log_shape in priors.items():
@@ -259,7 +259,7 @@ class Library:
                 high=np.array([p.high for p in priors]),
                 main=np.array([p.main for p in priors]),
                 log_shape=log_shape,
-                log_odds=effect.log_odds(context),
+                log_odds=effect.search.log_odds(context),
                 places=places,
                 flight=flight,
             )
@@ -333,7 +333,9 @@ class Library:
 
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
         return [
-            a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched
+            a
+            for a in self.records[f].axes
+            if not effect.search.searched or AXES[a] in effect.search.searched
         ]
 
     def _channel(self, f: int, a: int) -> ResidualChannel:
@@ -484,7 +486,7 @@ class Design:
 
 def _with_errors_of_form(effect: Effect) -> list[int]:
     """Coefficients whose contribution may have another form than its equation says."""
-    if effect.exact or effect.mixing is not None:
+    if effect.search.exact or effect.mixing is not None:
         return []
     return [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
 

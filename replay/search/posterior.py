@@ -94,7 +94,7 @@ class Walked:
         Of the map of surfaces, which no set of the walk holds: 1 / (1 + exp(-log odds)).
         """
         effect = next((t.effect for t in self.best.terms if t.name == name), None)
-        if effect is not None and effect.remainder:
+        if effect is not None and effect.search.remainder:
             return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
         wanted = {name, *aliases}
         p = sum(

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.common.frames import AXES
 from models.effects import Effect, get
-from models.effects.effect import UNTIL_S
+from models.effects.adopted_effect import UNTIL_S
 from replay.search.channel import hundredths
 from replay.search.estimates import IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import Fit
@@ -182,7 +182,7 @@ def corrected_together(effects: Iterable[Effect]) -> set[str]:
     """A map of surfaces and the laws that it corrects: only their sum is known well."""
     out = set()
     for effect in effects:
-        if effect.remainder:
+        if effect.search.remainder:
             for name in (effect.name, *effect.aliases):
                 out.add(name)
     return out

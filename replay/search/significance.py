@@ -131,7 +131,9 @@ def standing(u: Contributions) -> Array:
     if not u.design.terms:
         return np.empty(0)
     sizes = tops(u, u.main)
-    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
+    form = np.array(
+        [CURVE_FORM if t.effect is None else t.effect.search.form for t in u.design.terms]
+    )
     left = (sizes * form[:, None]) ** 2
     channels = u.design.library.channels
     open_ = np.concatenate(
@@ -141,7 +143,9 @@ def standing(u: Contributions) -> Array:
     large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
     force = np.array([c.axis < 3 for c in channels])
-    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in u.design.terms])
+    by_moment = np.array(
+        [t.effect is not None and t.effect.search.needs_moments for t in u.design.terms]
+    )
     large[np.ix_(by_moment, force)] = 0.0
     return np.asarray(large.max(axis=1))
 

@@ -105,7 +105,7 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
     """Standard deviation and mean of the prior of every coefficient (k,), in the coefficients' own units."""
     spread = np.array([c.spread(context) for c in effect.coefficients])
     centre = np.array([c.mean(context) for c in effect.coefficients])
-    if effect.at_shape:
+    if effect.search.at_shape:
         spread[0] = AT_SHAPE_SPREAD * abs(shape[0])
         centre[0] = shape[0]
     return spread, centre

@@ -50,7 +50,7 @@ def visible(walked: Walked) -> tuple[Visible, ...]:
     named = {term.name for term in walked.best.terms}
     by_name: dict[str, list[Term]] = {}
     for term in walked.evidence.library.terms:
-        if term.effect is None or term.effect.remainder:
+        if term.effect is None or term.effect.search.remainder:
             continue
         if term.name not in named:
             by_name.setdefault(term.name, []).append(term)
@@ -121,7 +121,7 @@ def _for_a_hundredth(walked: Walked, term: Term) -> Array:
     """Size (k,) at which each column does what a name takes, on the channel where that is soonest."""
     out = np.full(len(term.columns), np.inf)
     for channel in walked.evidence.library.channels:
-        if term.named.needs_moments and channel.axis < 3:
+        if term.named.search.needs_moments and channel.axis < 3:
             continue
         for i, at in enumerate(channel.where[term.columns]):
             if at >= 0:

@@ -200,13 +200,13 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
 def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Shapes between the points of the grid."""
     for done in range(
-        max((t.effect.halvings for t in fit.terms if t.effect is not None), default=0)
+        max((t.effect.search.halvings for t in fit.terms if t.effect is not None), default=0)
     ):
         for term in fit.terms:
             if (
                 (only is not None and term.key != only)
                 or term.effect is None
-                or term.effect.halvings <= done
+                or term.effect.search.halvings <= done
             ):
                 continue
             if term in fit.terms and sets.evidence.library.finer(term, 0.5):

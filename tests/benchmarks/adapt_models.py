@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import models
 from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, SurfaceLaw
 from models.common.frames import Array
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import Answer, Calibration
 from models.vehicle import RHO_SEA_LEVEL, Vehicle

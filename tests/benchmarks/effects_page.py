@@ -23,7 +23,7 @@ from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.common.frames import AXES, Array, quaternion_from_euler, rotation_from_quaternion
 from models.effects import Context, Effect, catalogue
-from models.effects.effect import InFlight
+from models.effects.flight_use import InFlight
 from models.effects.pictures import over_time
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -99,7 +99,7 @@ def curve(effect: Effect, ctx: Context) -> tuple[str, str, Array, Array]:
     shapes = list(effect.shape_grid(ctx)) or [()]
     shape = shapes[len(shapes) // 2]
     size = np.array([c.mean(ctx) + c.spread(ctx) * effect.is_main(c) for c in effect.coefficients])
-    if effect.remainder:
+    if effect.search.remainder:
         size = np.where([c.name.endswith("_of_model") for c in effect.coefficients], -0.3, 0.0)
     wrench = np.nan_to_num(effect.regressors(ctx, shape)) @ size
     unit = np.where(np.arange(6) < 3, ctx.weight, ctx.weight * ctx.lever)

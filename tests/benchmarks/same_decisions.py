@@ -32,7 +32,7 @@ from companion.mavlink.setpoints import encode
 from companion.state.decision import Decision
 from companion.vehicles import default_vehicle
 from models.common.errors import UserError
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 from models.vehicle import load_vehicle
 from replay.logs.formats import READERS, load, suffix_of
 from replay.logs.tlog import read_tlog

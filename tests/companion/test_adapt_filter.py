@@ -23,7 +23,7 @@ from companion.disturbance.adopted_effects import effects_with_size
 from companion.vehicles import default_vehicle
 from models import load
 from models.effects import InFlight, catalogue, get
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 
 RNG = np.random.default_rng(5)
 FREE = {"excited": 0.0, "robust_sigmas": 1e9}

@@ -17,7 +17,7 @@ from companion.pipeline import damping_1_s, initial_state
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.effects import adopted
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 
 VEHICLE = default_vehicle()
 DAMPING_1_S = FULL.velocity_1_s

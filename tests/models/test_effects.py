@@ -369,8 +369,8 @@ def test_thrust_that_only_answers_disturbances_shows_no_current(ctx: Context) ->
 
 def test_outdoors_some_wind_is_the_rule(ctx: Context) -> None:
     wind = get("wind")
-    assert wind.log_odds(ctx) < -2.0
-    assert wind.log_odds(replace(ctx, open_sky=True)) > 1.0
+    assert wind.search.log_odds(ctx) < -2.0
+    assert wind.search.log_odds(replace(ctx, open_sky=True)) > 1.0
 
 
 def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:

@@ -12,7 +12,7 @@ import pytest
 import models
 from models.common.errors import ModelError
 from models.effects import get
-from models.effects.effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect
 
 
 @pytest.fixture

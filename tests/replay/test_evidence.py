@@ -89,7 +89,7 @@ def test_the_score_is_the_sum_of_its_parts(evidence: Evidence, noise: Noise) -> 
 def test_the_prior_is_the_effects_chance_spread_over_its_shapes(evidence: Evidence) -> None:
     shapes = [t for t in evidence.library.terms if t.name == "wind"]
     odds = math.log(0.05 / 0.95)
-    assert get("wind").log_odds(evidence.library.records[0].context) == pytest.approx(odds)
+    assert get("wind").search.log_odds(evidence.library.records[0].context) == pytest.approx(odds)
     assert sum(math.exp(t.prior - odds) for t in shapes) == pytest.approx(1.0)
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect
+from models.effects.coefficient import BelongsTo, Coefficient
+from models.effects.context import Context
+from models.effects.effect import Effect
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
