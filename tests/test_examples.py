@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -55,6 +57,7 @@ RUNS = {
     "own_effect.py": (["monday.tlog", "my.toml"], "s of flight judged"),
     "offsets_of_a_log.py": (["monday.tlog", "my.toml"], "decisions; the last: Decision("),
     "own_log_format.py": (["flight.mycsv"], "100 attitudes"),
+    "upstream_controller.py": (["udpout:127.0.0.1:9", "0.5", "0.5"], "0 setpoints sent"),
     "fleet.py": (["fleet/store.sqlite"], "vehicles by effect"),
 }
 
@@ -79,3 +82,34 @@ def test_an_example_runs(place: Path, name: str) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert said in done.stdout
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        port: int = one.getsockname()[1]
+    return port
+
+
+@pytest.mark.slow
+def test_a_controller_of_one_s_own_flies_the_built_in_vehicle_with_offsets(tmp_path: Path) -> None:
+    port = free_port()
+    report = tmp_path / "flight.json"
+    place = ["--connect", "sim:corner", "--setpoint", f"udpin:127.0.0.1:{port}"]
+    more = ["--duration", "15", "--quiet", "--json", str(report)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "companion", *place, *more]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as flight:
+        example = str(EXAMPLES / "upstream_controller.py")
+        done = subprocess.run(
+            [sys.executable, example, f"udpout:127.0.0.1:{port}", "0.5", "20"],
+            env=environment,
+            capture_output=True,
+            text=True,
+        )
+    assert flight.returncode == 0
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[0]) > 100
+    told = json.loads(report.read_text())
+    assert told["commands"] > 50
+    assert told["compensated_s"] > 1.0
