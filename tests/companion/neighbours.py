@@ -20,6 +20,7 @@ from typing import Any
 
 from fake_autopilot import free_port
 from flight_process import flight_command
+from patience import HANG_S
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simulated import Nobody, simulated
@@ -44,7 +45,7 @@ def running(command: list[str], **how: Any) -> Iterator[subprocess.Popen[str]]:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         try:
-            process.wait(8.0)
+            process.wait(HANG_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
@@ -105,7 +106,7 @@ class Station:
     def __exit__(self, *_: object) -> None:
         self._open = False
         for thread in self._threads:
-            thread.join(3.0)
+            thread.join(HANG_S)
         self.link.close()
 
     def _listen(self) -> None:
@@ -185,7 +186,7 @@ class Companion:
 
     def end(self) -> dict[str, Any]:
         self.process.send_signal(signal.SIGINT)
-        self.process.wait(20.0)
+        self.process.wait(HANG_S)
         return json.loads(self._json.read_text(encoding="utf-8"))
 
 

@@ -40,6 +40,7 @@ def test_replay_says_what_would_have_been_learned(log):
     assert abs(sizes["thrust_scale"]["value"] - 1.0) < 0.05
 
 
+@pytest.mark.slow
 def test_the_text_names_sizes_and_what_is_compensated(log, capsys):
     assert replay(["run", str(log), "--adapt", "full"]) == 0
     told = capsys.readouterr().out
@@ -62,8 +63,8 @@ def test_a_folder_of_logs_is_measured_too(log, tmp_path, capsys):
 
 @pytest.mark.parametrize("command", [replay, companion])
 @pytest.mark.parametrize(("mode", "said"), [("gate", "use full"), ("some", "off, full")])
-def test_another_mode_is_refused_by_name_in_one_line(log, capsys, command, mode, said):
-    where = ["run", str(log)] if command is replay else ["--connect", "sim:hover"]
+def test_another_mode_is_refused_by_name_in_one_line(capsys, command, mode, said):
+    where = ["run", "any.tlog"] if command is replay else ["--connect", "sim:hover"]
     with pytest.raises(SystemExit) as left:
         command([*where, "--adapt", mode])
     assert left.value.code == 2

@@ -7,12 +7,13 @@ import sys
 
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
+from patience import HANG_S
 
 from companion.cli import main
 from companion.vehicles import QUAD, TANDEM
 
 
-def companion(*arguments, timeout=60):
+def companion(*arguments, timeout=HANG_S):
     return subprocess.run(
         [sys.executable, "-m", "companion", *arguments],
         capture_output=True,
@@ -165,9 +166,9 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
     )  # fmt: skip
     with process, FakeAutopilot(port) as autopilot:
         try:
-            autopilot.wait_for("SET_ATTITUDE_TARGET", 100, timeout=60)
+            autopilot.wait_for("SET_ATTITUDE_TARGET", 100)
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=20)
+            out, err = process.communicate(timeout=HANG_S)
         finally:
             process.kill()
         time.sleep(0.1)

@@ -7,6 +7,7 @@ import time
 from contextlib import closing
 
 import pytest
+from patience import HANG_S
 
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.outgoing import heartbeat
@@ -15,7 +16,7 @@ from companion.mavlink.outgoing import heartbeat
 def bound() -> socket.socket:
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     out.bind(("127.0.0.1", 0))
-    out.settimeout(5.0)
+    out.settimeout(HANG_S)
     return out
 
 
@@ -25,8 +26,8 @@ def free_port() -> int:
 
 
 def drained(link) -> int:
-    """Frames that arrive within a second."""
-    until, count = time.monotonic() + 1.0, 0
+    """Frames that arrive together, sooner or later."""
+    until, count = time.monotonic() + HANG_S, 0
     while not count and time.monotonic() < until:
         count += len(list(link.drain()))
         time.sleep(0.01)

@@ -111,11 +111,12 @@ def test_ardupilot_slow_loop_with_positions_at_10_hz(shared_data):
 
 GOOD = (
     "ardupilot/approach_offsets_off",
-    pytest.param("ardupilot/approach_amended_model", marks=pytest.mark.slow),
-    pytest.param("px4/corner_offsets_off", marks=pytest.mark.slow),
+    "ardupilot/approach_amended_model",
+    "px4/corner_offsets_off",
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GOOD)
 def test_a_good_flight_is_not_taken_for_a_swing(shared_data, name):
     decisions = recording(shared_data, name)

@@ -1,70 +1,30 @@
-"""The live loop against a scripted autopilot on loopback: real sockets, real MAVLink, no physics."""
+"""The live loop against a scripted autopilot: real MAVLink, simulated time, no physics. And endpoints that are none."""
 
 import struct
-import threading
-import time
 from dataclasses import replace
 
 import pytest
-from fake_autopilot import FakeAutopilot, free_port
+from fake_autopilot import free_port
 from flying import CONFIG
+from paced_flight import PacedAutopilot, PacedFlight
 
 from companion.config import Base
-from companion.flight.loop import Flight
-from companion.flight.options import FlightOptions
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.message_filter import Intake
-from companion.mavlink.tlog_writer import Recorder
 from companion.mavlink.wire_frames import cut
 from companion.pipeline import initial_state, step
 from models.common.errors import ConfigError, LinkError
 
 
-class Run:
-    """A Flight in a thread, stopped and joined at the end."""
-
-    def __init__(self, port, config=CONFIG, upstream_port=None, record=None, options=None):
-        arrivals = Arrivals()
-        self.link = open_link(f"udpin:127.0.0.1:{port}", arrivals)
-        self.upstream = None
-        if upstream_port is not None:
-            self.upstream = open_link(f"udpin:127.0.0.1:{upstream_port}", arrivals, number=1)
-        self.recorder = None if record is None else Recorder(record)
-        self.flight = Flight(
-            config=config,
-            link=self.link,
-            upstream=self.upstream,
-            recorder=self.recorder,
-            arrivals=arrivals,
-            options=options or FlightOptions(),
-        )
-        self.thread = threading.Thread(target=self.flight.run, daemon=True)
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.flight.stop()
-        self.thread.join(5.0)
-        assert not self.thread.is_alive()
-        if self.recorder is not None:
-            self.recorder.close()
-        self.link.close()
-        if self.upstream is not None:
-            self.upstream.close()
-
-
-@pytest.mark.slow
 def test_it_connects_asks_and_compensates():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port) as run:
-        beats = autopilot.wait_for("HEARTBEAT", 2)
-        setpoints = autopilot.wait_for("SET_ATTITUDE_TARGET", 100)
+    with PacedFlight() as run:
+        autopilot = run.autopilot
+        beats = run.wait_for("HEARTBEAT", 2)
+        setpoints = run.wait_for("SET_ATTITUDE_TARGET", 100)
         asked = {int(m.param1) for m in autopilot.of_type("COMMAND_LONG") if m.command == 511}
-        names = {m.name for m in autopilot.wait_for("NAMED_VALUE_FLOAT", 12)}
-        texts = [m.text for m in autopilot.wait_for("STATUSTEXT")]
+        names = {m.name for m in run.wait_for("NAMED_VALUE_FLOAT", 12)}
+        texts = [m.text for m in run.wait_for("STATUSTEXT")]
     assert (
         beats[-1].get_srcSystem(),
         beats[-1].get_srcComponent(),
@@ -88,122 +48,96 @@ def test_it_connects_asks_and_compensates():
     )
 
 
-@pytest.mark.slow
 def test_another_program_with_the_same_identity_is_named_and_an_echo_is_not():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port) as run:
+    with PacedFlight() as run:
         other = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
-        for beat in autopilot.wait_for("HEARTBEAT", 3):
-            autopilot.send_raw(bytes(beat.get_msgbuf()))
-        time.sleep(0.3)
+        for beat in run.wait_for("HEARTBEAT", 3):
+            run.autopilot.send_raw(bytes(beat.get_msgbuf()))
+        run.run(0.3)
         assert not run.flight.pilot.was_told("twin")
-        autopilot.send_raw(mavlink.MAVLink_heartbeat_message(18, 8, 64, 0, 4, 3).pack(other))
-        for _ in range(100):
-            joined = " ".join("".join(m.text for m in autopilot.of_type("STATUSTEXT")).split())
-            if "another program is component 191" in joined:
-                break
-            time.sleep(0.05)
-    assert "another program is component 191" in joined
+        run.autopilot.send_raw(mavlink.MAVLink_heartbeat_message(18, 8, 64, 0, 4, 3).pack(other))
+        run.until(lambda: "another program is component 191" in run.said())
 
 
-@pytest.mark.slow
 def test_dry_run_sends_no_setpoint():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port, replace(CONFIG, dry_run=True)) as run:
-        autopilot.wait_for("NAMED_VALUE_FLOAT", 20)
-        time.sleep(1.0)
-    assert not autopilot.of_type("SET_ATTITUDE_TARGET")
+    with PacedFlight(replace(CONFIG, dry_run=True)) as run:
+        run.wait_for("NAMED_VALUE_FLOAT", 20)
+        run.run(1.0)
+    assert not run.autopilot.of_type("SET_ATTITUDE_TARGET")
     assert run.flight.summary.decisions > 20
 
 
-@pytest.mark.slow
 def test_without_bit_3_it_refuses_until_the_pilot_sets_it():
-    port = free_port()
-    with FakeAutopilot(port, parameters={"GUID_OPTIONS": 0.0}) as autopilot, Run(port):
-        autopilot.wait_for("NAMED_VALUE_FLOAT", 20)
-        assert not autopilot.of_type("SET_ATTITUDE_TARGET")
-        assert any("GUID_OPTIONS" in m.text for m in autopilot.wait_for("STATUSTEXT"))
-        autopilot.parameters["GUID_OPTIONS"] = 8.0
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 5)
+    with PacedFlight(parameters={"GUID_OPTIONS": 0.0}) as run:
+        run.wait_for("NAMED_VALUE_FLOAT", 20)
+        assert not run.autopilot.of_type("SET_ATTITUDE_TARGET")
+        assert any("GUID_OPTIONS" in m.text for m in run.wait_for("STATUSTEXT"))
+        run.autopilot.parameters["GUID_OPTIONS"] = 8.0
+        run.wait_for("SET_ATTITUDE_TARGET", 5)
 
 
-@pytest.mark.slow
 def test_silence_of_the_vehicle_is_silence_of_the_companion_and_it_comes_back():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port):
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 20)
-        autopilot.silent = True
-        time.sleep(0.3)
-        count = len(autopilot.of_type("SET_ATTITUDE_TARGET"))
-        time.sleep(1.0)
-        assert len(autopilot.of_type("SET_ATTITUDE_TARGET")) == count
-        autopilot.silent = False
-        autopilot.wait_for("SET_ATTITUDE_TARGET", count + 20)
+    with PacedFlight() as run:
+        run.wait_for("SET_ATTITUDE_TARGET", 20)
+        run.autopilot.silent = True
+        run.run(0.3)
+        count = len(run.autopilot.of_type("SET_ATTITUDE_TARGET"))
+        run.run(1.0)
+        assert len(run.autopilot.of_type("SET_ATTITUDE_TARGET")) == count
+        run.autopilot.silent = False
+        run.wait_for("SET_ATTITUDE_TARGET", count + 20)
 
 
-@pytest.mark.slow
 def test_a_reboot_is_survived_and_rates_are_asked_for_again():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port) as run:
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 20)
+    with PacedFlight() as run:
+        autopilot = run.autopilot
+        run.wait_for("SET_ATTITUDE_TARGET", 20)
         before = len([m for m in autopilot.of_type("COMMAND_LONG") if m.command == 511])
         autopilot.boot_s = 2.0
-        time.sleep(1.5)
+        run.run(1.5)
         assert run.flight.incoming.reboots == 1
         assert len([m for m in autopilot.of_type("COMMAND_LONG") if m.command == 511]) > before
         count = len(autopilot.of_type("SET_ATTITUDE_TARGET"))
-        autopilot.wait_for("SET_ATTITUDE_TARGET", count + 20)
+        run.wait_for("SET_ATTITUDE_TARGET", count + 20)
 
 
-@pytest.mark.slow
 def test_another_vehicle_on_the_link_is_ignored():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port) as run:
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 20)
-        with FakeAutopilot(port, system=7) as other:
-            other.height = 0.07
-            other.armed = False
-            time.sleep(1.0)
+    with PacedFlight() as run:
+        run.wait_for("SET_ATTITUDE_TARGET", 20)
+        other = PacedAutopilot(run.wire, system=7)
+        other.height = 0.07
+        other.armed = False
+        run.run(1.0)
         assert run.flight.as_json()["ignored_systems"] == [7]
         assert run.flight.as_json()["system"] == 1
         assert run.flight.incoming.state.heard.heartbeat.armed
 
 
-@pytest.mark.slow
 def test_an_upstream_controller_is_forwarded_and_hears_the_vehicle():
-    port, upstream_port = free_port(), free_port()
-    config = replace(CONFIG, base=Base.UPSTREAM)
-    with (
-        FakeAutopilot(port) as autopilot,
-        Run(port, config, upstream_port),
-        FakeAutopilot(upstream_port, 255) as controller,
-    ):
-        controller.silent = True
-        end = time.monotonic() + 40.0
-        while time.monotonic() < end and len(autopilot.of_type("SET_ATTITUDE_TARGET")) < 150:
+    with PacedFlight(replace(CONFIG, base=Base.UPSTREAM), upstream=True) as run:
+        controller = run.controller
+        for _ in range(300):
             controller.send(
                 controller._mav.set_attitude_target_encode(
                     0, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5
                 )
             )
-            time.sleep(0.02)
-        setpoints = autopilot.of_type("SET_ATTITUDE_TARGET")
+            run.run(0.02)
+        setpoints = run.autopilot.of_type("SET_ATTITUDE_TARGET")
         assert len(setpoints) >= 100
         assert setpoints[-1].thrust < 0.5, "the cushion is taken off"
         assert setpoints[-1].q[1] < 0.0, "it leans away from the wall on its right"
         assert controller.of_type("ATTITUDE_QUATERNION")
 
 
-@pytest.mark.slow
 def test_replaying_what_was_recorded_decides_the_same_bit_for_bit(tmp_path):
     log = tmp_path / "flight.tlog"
-    port = free_port()
     live = []
-    run = Run(port, record=log)
+    run = PacedFlight(record=log)
     original = run.flight.summary.add
     run.flight.summary.add = lambda d: (live.append(d), original(d))  # before the first decision
-    with FakeAutopilot(port) as autopilot, run:
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 100)
+    with run:
+        run.wait_for("SET_ATTITUDE_TARGET", 100)
     data, at = log.read_bytes(), 0
     state, intake, replayed = initial_state(CONFIG), Intake(), []
     while at < len(data):

@@ -12,24 +12,19 @@ import time
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 from flight_process import flight_command
-from test_flight import Run
+from paced_flight import PacedFlight
+from patience import HANG_S
 
 from companion.control.hand_over import held_off
 from companion.last_word import LastWord
 
 
-def ended(run):
-    run.flight.stop()
-    run.thread.join(6.0)
-    assert not run.thread.is_alive()
-
-
 def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port) as run:
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 30)
-        ended(run)
-        kinds = [m.get_type() for m in list(autopilot.received) if m.get_type().startswith("SET_")]
+    with PacedFlight() as run:
+        autopilot = run.autopilot
+        run.wait_for("SET_ATTITUDE_TARGET", 30)
+        run.end()
+        kinds = [m.get_type() for m in autopilot.received if m.get_type().startswith("SET_")]
         places = autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED")
     assert kinds[-1] == "SET_POSITION_TARGET_LOCAL_NED"
     assert kinds.count("SET_POSITION_TARGET_LOCAL_NED") >= 5, "one lost message must not matter"
@@ -40,29 +35,27 @@ def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
     )
 
 
-@pytest.mark.slow
 def test_parameters_are_asked_for_as_long_as_they_are_missing(monkeypatch):
     monkeypatch.setattr("companion.flight.requests._RETRY_S", 0.05)
     monkeypatch.setattr("companion.flight.requests._SLOW_RETRY_S", 0.05)
-    port = free_port()
-    with FakeAutopilot(port, parameters={}) as autopilot, Run(port):
-        asked = autopilot.wait_for("PARAM_REQUEST_READ", 400)
+    with PacedFlight(parameters={}) as run:
+        asked = run.wait_for("PARAM_REQUEST_READ", 400)
         assert sum(m.param_id == "GUID_OPTIONS" for m in asked) > 15
-        autopilot.parameters["GUID_OPTIONS"] = 8.0
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 5)
+        run.autopilot.parameters["GUID_OPTIONS"] = 8.0
+        run.wait_for("SET_ATTITUDE_TARGET", 5)
 
 
 def test_the_second_process_speaks_once_the_first_is_dead_and_only_then():
     """A parent that is killed outright; its child inherits the socket."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         vehicle.bind(("127.0.0.1", 0))
-        vehicle.settimeout(10.0)
+        vehicle.settimeout(HANG_S)
         code = (
             "import socket, sys, time; from companion.last_word import LastWord\n"
             "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); w = LastWord(s.fileno())\n"
             f"w.renew(b'old', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
             f"w.renew(b'stay here', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
-            "print(w.pid, flush=True); time.sleep(60)\n"
+            "print(w.pid, flush=True); time.sleep(600)\n"
         )
         with subprocess.Popen(
             [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
@@ -73,10 +66,10 @@ def test_the_second_process_speaks_once_the_first_is_dead_and_only_then():
             with pytest.raises(BlockingIOError):
                 vehicle.recv(100)
             vehicle.setblocking(True)
-            vehicle.settimeout(10.0)
+            vehicle.settimeout(HANG_S)
             parent.kill()
             assert {vehicle.recv(100) for _ in range(5)} == {b"stay here"}
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + HANG_S
         while time.monotonic() < end and os.path.exists(f"/proc/{child}/cmdline") and _alive(child):
             time.sleep(0.1)
         assert not _alive(child), "it leaves nothing running"
@@ -92,7 +85,7 @@ def test_the_second_process_speaks_while_the_first_stands_still_and_is_quiet_aga
             f"a = [('127.0.0.1', {vehicle.getsockname()[1]})]\n"
             "while True: w.renew(b'stay here', a); s.sendto(b'renewed', a[0]); time.sleep(0.1)\n"
         )
-        vehicle.settimeout(20.0)
+        vehicle.settimeout(HANG_S)
         with subprocess.Popen([sys.executable, "-c", code]) as parent:
             try:
                 assert {vehicle.recv(100) for _ in range(3)} == {b"renewed"}
@@ -104,7 +97,7 @@ def test_the_second_process_speaks_while_the_first_stands_still_and_is_quiet_aga
                 with pytest.raises(TimeoutError):
                     vehicle.recv(100)  # said for a second, and enough
                 parent.send_signal(signal.SIGCONT)
-                vehicle.settimeout(20.0)
+                vehicle.settimeout(HANG_S)
                 assert {vehicle.recv(100) for _ in range(5)} == {b"renewed"}
             finally:
                 parent.kill()
@@ -151,6 +144,6 @@ def test_a_killed_companion_leaves_the_autopilot_holding_its_place():
             time.sleep(0.5)
         finally:
             companion.send_signal(signal.SIGKILL)
-        place = autopilot.wait_for("SET_POSITION_TARGET_LOCAL_NED", 3, timeout=10.0)[-1]
+        place = autopilot.wait_for("SET_POSITION_TARGET_LOCAL_NED", 3)[-1]
     assert (place.x, place.y, place.z) == pytest.approx((0.0, 0.0, -0.3), abs=0.02)
     assert (place.target_component, place.coordinate_frame) == (1, 1)

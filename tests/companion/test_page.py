@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from log_writers import flight, write_tlog
+from patience import HANG_S
 
 import companion.page
 from companion.cli import main
@@ -33,12 +34,12 @@ CHROMIUM = (
 
 
 def get(feed, path):
-    with urllib.request.urlopen(feed.url + path, timeout=10) as reply:
+    with urllib.request.urlopen(feed.url + path, timeout=HANG_S) as reply:
         return reply.read()
 
 
 def wait_for(feed, number):
-    for _ in range(200):
+    for _ in range(6000):
         sent = json.loads(get(feed, "snapshots?since=0"))
         if sent["last"] >= number:
             return sent
@@ -115,7 +116,7 @@ def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_pa
         [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
          f"--user-data-dir={tmp_path}", f"--window-size={size}", "--enable-logging=stderr", "--v=0",
          "--virtual-time-budget=3000", "--dump-dom", feed.url],
-        capture_output=True, text=True, timeout=100,
+        capture_output=True, text=True, timeout=HANG_S,
     )  # fmt: skip
     shown = {
         i: re.sub(r"<[^>]*>", "", v) for i, v in re.findall(r'<b id="(\w+)">(.*?)</b>', done.stdout)

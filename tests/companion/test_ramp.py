@@ -74,7 +74,7 @@ def flown_ramp(
 @pytest.mark.parametrize(
     "mask", [POSITION_ONLY, pytest.param(PLACE_AND_VELOCITY, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize("px4", [False, True])
+@pytest.mark.parametrize("px4", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_ramp_that_stops_at_the_wall_is_overshot_by_less_than_3_cm(px4, mask):
     seen = flown_ramp(mask, px4=px4)
     assert max(past for _, past in seen) < 0.03
@@ -84,9 +84,8 @@ def test_a_ramp_that_stops_at_the_wall_is_overshot_by_less_than_3_cm(px4, mask):
     assert abs(seen[-1][1]) < 0.03
 
 
-@pytest.mark.parametrize(
-    "mask", [POSITION_ONLY, pytest.param(PLACE_AND_VELOCITY, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mask", [POSITION_ONLY, PLACE_AND_VELOCITY])
 def test_with_a_slow_attitude_loop_and_late_positions_by_less_than_6_cm(mask):
     assert max(past for _, past in flown_ramp(mask, slow=True, wall_m=9.0)) < 0.06
 

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 from flight_process import flight_command
+from patience import HANG_S
 
 from companion.mavlink.dialect import mavlink
 from replay.logs.tlog import read_tlog
@@ -58,7 +59,7 @@ def fly(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
     ) as process:  # fmt: skip
         try:
-            autopilot.wait_for("SET_ATTITUDE_TARGET", 30, timeout=60.0)
+            autopilot.wait_for("SET_ATTITUDE_TARGET", 30)
             for _ in range(20 if forge else 0):
                 autopilot.forge()
                 time.sleep(0.05)
@@ -66,7 +67,7 @@ def fly(
             autopilot.wait_for("SET_ATTITUDE_TARGET", count + 20)
         finally:
             process.send_signal(signal.SIGINT)
-            out, _ = process.communicate(timeout=30)
+            out, _ = process.communicate(timeout=HANG_S)
     return json.loads(out)
 
 
@@ -114,7 +115,7 @@ def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
     port = free_port()
     command = flight_command(port, "--signing-key", str(key), "--duration", "4", "--json", "-")
     with FakeAutopilot(port) as autopilot:
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert not autopilot.of_type("SET_ATTITUDE_TARGET")
     assert "signing key" in ended.stderr
     report = json.loads(ended.stdout)
@@ -127,7 +128,7 @@ def test_other_systems_are_ignored_and_counted(tmp_path: Path):
     port = free_port()
     command = flight_command(port, "--target-system", "1", "--duration", "4", "--json", "-")
     with FakeAutopilot(port), FakeAutopilot(port, system=7):
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     report = json.loads(ended.stdout)
     assert report["system"] == 1
     assert report["ignored_systems"] == [7]

@@ -12,6 +12,7 @@ from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
+from patience import HANG_S
 from pymavlink import mavutil
 from simulated import Nobody
 
@@ -31,7 +32,7 @@ def test_launch_speaks_mavlink_where_it_says():
     with launch(hover(), Nobody) as sim:
         link = mavutil.mavlink_connection(sim.endpoint)
         try:
-            beat = link.wait_heartbeat(timeout=5)
+            beat = link.wait_heartbeat(timeout=HANG_S)
             assert beat is not None
             assert beat.get_srcSystem() == 1
             assert sim.process.is_alive()
@@ -52,7 +53,7 @@ def test_it_ends_with_its_parent():
     code = (
         "from test_sim_process import hover\nfrom companion.sim.process import launch\nimport time\n"
         "with launch(hover()) as sim:\n"
-        "    print(sim.process.pid, flush=True)\n    time.sleep(60)\n"
+        "    print(sim.process.pid, flush=True)\n    time.sleep(600)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     parent = subprocess.Popen(
@@ -63,7 +64,7 @@ def test_it_ends_with_its_parent():
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     parent.stdout.close()
-    for _ in range(100):
+    for _ in range(6000):
         try:
             state = (
                 Path(f"/proc/{child}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0]
@@ -119,7 +120,7 @@ def test_the_flight_program_says_the_phases_and_stops():
     news, tell = Pipe(duplex=False)
     for text in ("descend (22 s to go)", ""):
         tell.send(text)
-    follow(news, said.append, lambda: ended.append(True)).join(5.0)
+    follow(news, said.append, lambda: ended.append(True)).join(HANG_S)
     assert said[0] == "sim: descend (22 s to go)"
     assert "over" in said[1]
     assert ended == [True]
@@ -129,7 +130,7 @@ def test_a_vehicle_that_has_ended_says_nothing():
     news, tell = Pipe(duplex=False)
     tell.close()
     ended: list[bool] = []
-    follow(news, lambda _: None, lambda: ended.append(True)).join(5.0)
+    follow(news, lambda _: None, lambda: ended.append(True)).join(HANG_S)
     assert ended == []
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 
 import pytest
-from fake_autopilot import FakeAutopilot, free_port
 from flying import Bench, bench
 from hypothesis import given
 from hypothesis import strategies as st
-from test_flight import Run
+from paced_flight import PacedFlight
 
 from companion.control.reasons import Notice, Reason
 from companion.mavlink.dialect import mavlink
@@ -201,23 +199,16 @@ def test_silence_is_not_a_rate_set_back():
     assert not keeper.set_back
 
 
-@pytest.mark.slow
 def test_a_target_for_the_autopilot_is_answered_with_the_right_address():
-    port = free_port()
-    with FakeAutopilot(port) as autopilot, Run(port):
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 5)
+    with PacedFlight() as run:
+        run.wait_for("SET_ATTITUDE_TARGET", 5)
         place = (1.0, 0.0, -1.0)
         target = mavlink.MAVLink_set_position_target_local_ned_message(
             0, 1, 1, 1, 0x0DF8, *place, *(0.0,) * 3, *(0.0,) * 3, 0.0, 0.0
         )
-        autopilot.send(target)
-        for _ in range(200):
-            joined = " ".join("".join(m.text for m in autopilot.of_type("STATUSTEXT")).split())
-            if "191 moves the hold" in joined:
-                break
-            time.sleep(0.05)
-    assert "191 moves the hold" in joined
-    assert "position targets to component 191" in joined
+        run.autopilot.send(target)
+        run.until(lambda: "191 moves the hold" in run.said())
+    assert "position targets to component 191" in run.said()
 
 
 def test_accelerations_are_asked_for_only_where_they_are_recorded():

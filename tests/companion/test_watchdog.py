@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 from flight_process import flight_command
+from patience import HANG_S
 
 from companion.cli import parser
 from companion.watchdog import Watchdog
@@ -23,7 +24,7 @@ UNIT = Path(__file__).resolve().parents[2] / "docs" / "companion.service"
 def systemd(name: str) -> socket.socket:
     out = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     out.bind("\0" + name[1:] if name.startswith("@") else name)
-    out.settimeout(10.0)
+    out.settimeout(HANG_S)
     return out
 
 
@@ -77,14 +78,14 @@ def test_a_flight_under_systemd(tmp_path):
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
         said: list[str] = []
         try:
-            autopilot.wait_for("SET_ATTITUDE_TARGET", 20, timeout=60)
-            until = time.monotonic() + 30.0
+            autopilot.wait_for("SET_ATTITUDE_TARGET", 20)
+            until = time.monotonic() + HANG_S
             while said.count("WATCHDOG=1") < 5 and time.monotonic() < until:
                 said.append(heard.recv(4096).decode())
             process.send_signal(signal.SIGTERM)
             while "STOPPING=1" not in said and time.monotonic() < until:
                 said.append(heard.recv(4096).decode())
-            process.wait(20.0)
+            process.wait(HANG_S)
         finally:
             process.kill()
     assert said[0] == "READY=1"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -22,6 +23,7 @@ def modules() -> dict[str, Path]:
     return out
 
 
+@cache
 def imports() -> dict[str, set[str]]:
     """Module -> modules that it imports, also inside functions and for types only."""
     known, out = modules(), {}

@@ -16,6 +16,7 @@ from urllib.request import urlopen
 import pytest
 from browser import CHROMIUM, PHONE, Browser
 from log_writers import QUAD_MASS_KG, frame, quad_flight, write_tlog
+from patience import HANG_S
 
 from companion.mavlink.dialect import mavlink
 
@@ -35,7 +36,7 @@ from replay.desk.work import Work  # noqa: E402
 from replay.fleet.jobs import error_text  # noqa: E402
 
 HERE = "http://127.0.0.1:8000"
-PATIENCE_S = 100.0
+PATIENCE_S = HANG_S
 
 
 @pytest.fixture(scope="module")
@@ -403,7 +404,7 @@ def served(tmp_path):
         yield line.split()[0]
     finally:
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=HANG_S)
     assert (process.returncode, errors) == (130, "")
 
 

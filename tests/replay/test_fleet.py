@@ -10,6 +10,7 @@ import sys
 import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import flight, quad_flight, write_tlog
+from patience import HANG_S
 
 from companion.control.reasons import Reason
 from companion.mavlink.wire_frames import cut
@@ -299,7 +300,7 @@ def test_as_a_command(folder, tmp_path):
         ],
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=HANG_S,
     )
     assert done.returncode == 0
     assert "2 of 3 logs" in done.stdout

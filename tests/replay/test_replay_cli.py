@@ -9,6 +9,7 @@ import sys
 
 import pytest
 from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_tlog
+from patience import HANG_S
 
 from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD, TANDEM
@@ -161,7 +162,7 @@ def test_help_is_quick_and_light(command):
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
-            [sys.executable, "-c", code, *command], capture_output=True, text=True, timeout=30
+            [sys.executable, "-c", code, *command], capture_output=True, text=True, timeout=HANG_S
         )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         # Processor time: a busy machine stretches the clock on the wall.
@@ -185,7 +186,7 @@ def blas_threads(script, *arguments, **environment):
         env=inherited | environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG_S,
         check=True,
     )
     return int(done.stdout.splitlines()[-1])

@@ -13,6 +13,7 @@ import kernels
 import numpy as np
 import pytest
 from diagnose_noise import coloured, noise_record
+from patience import HANG_S
 
 import replay.search
 from models.common.frames import Array
@@ -782,7 +783,7 @@ def test_every_linear_algebra_kernel_gives_the_same_answer(kernel: str) -> None:
         return subprocess.run(
             [sys.executable, "-c", script],
             env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": paths, **environment},
-            capture_output=True, text=True, check=True, timeout=300,
+            capture_output=True, text=True, check=True, timeout=HANG_S,
         ).stdout  # fmt: skip
 
     assert run(OPENBLAS_CORETYPE=kernel) == run(OPENBLAS_CORETYPE="Nehalem") != ""
