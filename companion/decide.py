@@ -46,7 +46,7 @@ from companion.state.pipeline_state import PipelineState
 from companion.surroundings import DISTURBANCE_PERIOD_S, renew_disturbance
 from models.common.frames import GRAVITY, Rows
 from models.common.frozen_copy import with_changes
-from models.vehicle import Vector3
+from models.vehicle import Vector3, Vehicle
 
 _SHORTEST_PERIOD_S = 1.0 / 110.0
 """Of decisions: a little above the 100 Hz that a companion link carries."""
@@ -222,6 +222,33 @@ def _watched(
     return with_changes(state, heard=heard, air=air, notice=notice)
 
 
+def _engaged(
+    state: PipelineState,
+    motion: Motion,
+    thrust: ThrustMap,
+    lag_s: float,
+    vehicle: Vehicle,
+    t_s: float,
+) -> Hold:
+    """A hold that begins with the thrust, the tilt and the drag that the vehicle flies with now."""
+    learned = state.learned
+    if t_s - learned.hover.now_s < hover_thrust.HEARD_AGE_S:
+        thrust_now = learned.hover.now
+    else:
+        thrust_now = thrust.hover
+    balance = engagement.watch_balance(learned.balance, t_s, motion.velocity, motion.body_down)
+    drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
+    return engage(
+        t_s=t_s,
+        motion=motion,
+        balance=balance.acceleration,
+        thrust_now=thrust_now,
+        thrust=thrust,
+        lag_s=lag_s,
+        drag_1_s=drag,
+    )
+
+
 def _base(
     state: PipelineState, held_back: bool, thrust: ThrustMap, config: PipelineConfig, t_s: float
 ) -> tuple[Held, BaseSetpoint | None]:
@@ -263,27 +290,7 @@ def _base(
     gains = state.plant.tuned.gains
     hold = held.hold
     if hold is None:
-        fresh = t_s - state.learned.hover.now_s < hover_thrust.HEARD_AGE_S
-        if fresh:
-            thrust_now = state.learned.hover.now
-        else:
-            thrust_now = thrust.hover
-        balance = engagement.watch_balance(
-            state.learned.balance, t_s, motion.velocity, motion.body_down
-        )
-        vehicle = config.vehicle
-        drag = (
-            drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
-        )
-        hold = engage(
-            t_s=t_s,
-            motion=motion,
-            balance=balance.acceleration,
-            thrust_now=thrust_now,
-            thrust=thrust,
-            lag_s=gains.lag_s,
-            drag_1_s=drag,
-        )
+        hold = _engaged(state, motion, thrust, gains.lag_s, config.vehicle, t_s)
         hold = _returned(hold, held.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     return with_changes(held, hold=hold, wall_ahead=wall_ahead, left=None), base

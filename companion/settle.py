@@ -112,7 +112,8 @@ def _answering(plant: Plant, sent: BaseSetpoint, command: Command | None) -> Pla
 
 def _watch_swing(plant: Plant, hold: Hold, base: BaseSetpoint, t_s: float) -> Plant:
     """A hold that swings by itself gets softer gains at once."""
-    (north, east, down), (x, y, z) = base.acceleration, hold.reference.acceleration
+    north, east, down = base.acceleration
+    x, y, z = hold.reference.acceleration
     swing = swing_detector.watch(plant.swing, t_s, (north - x, east - y, down - z))
     if swing.level == plant.swing.level:
         return with_changes(plant, swing=swing)

@@ -42,21 +42,7 @@ def add_parser(commands: Any) -> None:
         metavar="FILE",
         help="vehicle file (default: drafted from the logs)",
     )
-    p.add_argument(
-        "--vehicles",
-        type=Path,
-        metavar="DIR",
-        help="of a folder: vehicle files by identity, NAME.toml (default: one draft a vehicle)",
-    )
-    p.add_argument(
-        "--watch",
-        nargs="?",
-        type=float,
-        const=0.0,
-        metavar="SECONDS",
-        help="of a folder: say only what is new since the last look; with SECONDS look again and "
-        "again (exit codes: docs/logs.md)",
-    )
+    _add_fleet_options(p)
     _add_draft_options(p)
     p.add_argument(
         "--model",
@@ -94,6 +80,25 @@ def add_parser(commands: Any) -> None:
     add_answer_options(p)
     add_folder_options(p)
     p.set_defaults(run=run)
+
+
+def _add_fleet_options(p: argparse.ArgumentParser) -> None:
+    """What tells the vehicles of a folder apart, and what looks at it again."""
+    p.add_argument(
+        "--vehicles",
+        type=Path,
+        metavar="DIR",
+        help="of a folder: vehicle files by identity, NAME.toml (default: one draft a vehicle)",
+    )
+    p.add_argument(
+        "--watch",
+        nargs="?",
+        type=float,
+        const=0.0,
+        metavar="SECONDS",
+        help="of a folder: say only what is new since the last look; with SECONDS look again and "
+        "again (exit codes: docs/logs.md)",
+    )
 
 
 def _add_draft_options(p: argparse.ArgumentParser) -> None:

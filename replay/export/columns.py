@@ -79,14 +79,7 @@ def recorded(log: FlightLog) -> Iterator[Column]:
     yield from _spread(
         "velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED"
     )
-    for k, imu in enumerate(log.imus, 1):
-        tail = "" if k == 1 else f"_imu{k}"
-        topic = f"imu_{k}"
-        of = f"{frd}, {imu.source}"
-        force = [f"a{c}{tail}_m_s2" for c in "xyz"]
-        gyro = [f"gyro_{c}{tail}_rad_s" for c in "xyz"]
-        yield from _spread(topic, imu.specific_force, force, "m/s^2", f"specific force, {of}")
-        yield from _spread(topic, imu.gyro, gyro, "rad/s", f"angular rate, {of}")
+    yield from _imus(log)
     yield from _ranges(log)
     for n, esc in sorted(log.escs.items()):
         yield from _spread(f"esc_{n}", esc.rpm, [f"rpm_{n}"], "1/min", f"speed of ESC {n}")
@@ -127,6 +120,18 @@ def recorded(log: FlightLog) -> Iterator[Column]:
     yield from _state("armed", log.armed, "1 while armed", ends=True)
     yield from _state("mode", log.modes, "custom_mode of HEARTBEAT")
     yield from _state("landed_state", log.landed, "MAV_LANDED_STATE")
+
+
+def _imus(log: FlightLog) -> Iterator[Column]:
+    """Every accelerometer and gyro, the chosen one first; the others are numbered."""
+    for k, imu in enumerate(log.imus, 1):
+        tail = "" if k == 1 else f"_imu{k}"
+        topic = f"imu_{k}"
+        of = f"body FRD, {imu.source}"
+        force = [f"a{c}{tail}_m_s2" for c in "xyz"]
+        gyro = [f"gyro_{c}{tail}_rad_s" for c in "xyz"]
+        yield from _spread(topic, imu.specific_force, force, "m/s^2", f"specific force, {of}")
+        yield from _spread(topic, imu.gyro, gyro, "rad/s", f"angular rate, {of}")
 
 
 def _ranges(log: FlightLog) -> Iterator[Column]:

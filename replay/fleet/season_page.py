@@ -20,6 +20,9 @@ def page(found: Season) -> str:
     """The whole page."""
     changed = [v for v in found.vehicles if v.changed or v.new]
     others = [v for v in found.vehicles if v not in changed]
+    effects: set[str] = set()
+    for vehicle in found.vehicles:
+        effects |= {course.effect for course in vehicle.courses}
     if changed:
         head = f"{len(changed)} of {len(found.vehicles)} vehicles are not as they were"
         step = "look at these first, by the log that shows it."
@@ -31,7 +34,7 @@ def page(found: Season) -> str:
         head=head,
         verdict="What the logs say of every vehicle",
         sentences=[f"Next: {step}"],
-        effects=sorted({course.effect for v in found.vehicles for course in v.courses}),
+        effects=sorted(effects),
         vehicles=[_shown(v) for v in (*changed, *others)],
         common=list(found.common),
         unknown=list(found.unknown),
