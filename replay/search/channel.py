@@ -173,8 +173,8 @@ class Whitened:
         """Take out what the channel has forgotten."""
         count = min(len(self.channel.rows), self._rows.count)
         self._rows.count = count
-        self._gram[count:-1] = np.nan
-        self._gram[:, count:-1] = np.nan
+        self._gram[count:-1, :-1] = np.nan
+        self._gram[:-1, count:-1] = np.nan
 
     def _keep_up(self) -> None:
         """Take in rows that the channel has got."""
