@@ -134,32 +134,34 @@ class Whitened:
         self._spectrum = spectrum
         self._rows = Rows(np.empty((0, len(channel.run))))
         self._gram = np.zeros((0, 0))
-        self._known = np.zeros((0, 0), bool)
+        """NaN: not formed yet."""
 
     def between(self, rows: Columns, others: Columns) -> Array:
         """Inner products (r, s) of rows with others."""
         self._keep_up()
-        pairs = rows[:, None], others
         # First a term that is new to all others, then pairs that have not met.
         for share in (0.5, 0.0):
-            known = self._known[pairs]
-            if known.all():
-                break
-            fresh = known.mean(axis=1) < 1.0 - share
+            products = self._gram[rows].take(others, axis=1)
+            unknown = np.isnan(products)
+            if not unknown.any():
+                return products
+            fresh = unknown.mean(axis=1) > share
             if fresh.any():
-                self._form(rows[fresh], others[~known[fresh].all(axis=0)])
-        return np.asarray(self._gram[pairs])
+                self._form(rows[fresh], others[unknown[fresh].any(axis=0)])
+        return self._gram[rows].take(others, axis=1)
 
     def within(self, blocks: Columns) -> Array:
         """Inner products (b, k, k) of the rows of every block (b, k) with each other."""
         self._keep_up()
         pairs = blocks[:, :, None], blocks[:, None, :]
-        known = self._known[pairs]
-        if not known.all():
-            for block in blocks[~known.all(axis=(1, 2))]:
-                acting = block[block >= 0]
-                self._form(acting, acting)
-        return np.asarray(self._gram[pairs])
+        products = self._gram[pairs]
+        unknown = np.isnan(products)
+        if not unknown.any():
+            return products
+        for block in blocks[unknown.any(axis=(1, 2))]:
+            acting = block[block >= 0]
+            self._form(acting, acting)
+        return self._gram[pairs]
 
     def gram_of(self, rows: Columns, kept: Mask) -> Array:
         """The same of some rows with each other, over some samples."""
@@ -171,8 +173,8 @@ class Whitened:
         """Take out what the channel has forgotten."""
         count = min(len(self.channel.rows), self._rows.count)
         self._rows.count = count
-        self._known[count:-1] = False
-        self._known[:, count:-1] = False
+        self._gram[count:-1, :-1] = np.nan
+        self._gram[:-1, count:-1] = np.nan
 
     def _keep_up(self) -> None:
         """Take in rows that the channel has got."""
@@ -181,23 +183,18 @@ class Whitened:
         if count == old:
             return
         self._rows.append(self._spectrum.whiten(self.channel.rows[old:].T, self.channel.run).T)
-        if count < len(self._known):
+        if count < len(self._gram):
             return
-        gram = np.zeros((2 * count, 2 * count))
-        known = np.zeros((2 * count, 2 * count), bool)
+        gram = np.full((2 * count, 2 * count), np.nan)
         gram[:old, :old] = self._gram[:old, :old]
-        known[:old, :old] = self._known[:old, :old]
-        known[-1] = True
-        known[:, -1] = True
+        gram[-1] = 0.0
+        gram[:, -1] = 0.0
         self._gram = gram
-        self._known = known
 
     def _form(self, rows: Columns, others: Columns) -> None:
         product = self._product(rows, others)
         self._gram[rows[:, None], others] = product
         self._gram[others[:, None], rows] = product.T
-        self._known[rows[:, None], others] = True
-        self._known[others[:, None], rows] = True
 
     def _product(self, rows: Columns, others: Columns) -> Array:
         """Inner products; those of sums of rows are sums, too."""

@@ -95,3 +95,17 @@ def test_what_is_forgotten_leaves_nothing_behind(rng: np.random.Generator) -> No
     channel.add(np.array([30]), rng.standard_normal((SAMPLES, 1)))
     rows = all_rows(channel)
     np.testing.assert_allclose(white.between(rows, rows), plain(channel), atol=1e-9)
+
+
+def test_what_does_not_act_has_no_products_with_what_takes_a_forgotten_place(
+    rng: np.random.Generator,
+) -> None:
+    channel = made(rng, 3)
+    white = Whitened(channel, SPECTRUM)
+    white.between(all_rows(channel), all_rows(channel))
+    channel.forget(np.array([2, 3]))
+    white.forget()
+    channel.add(np.array([4]), rng.standard_normal((SAMPLES, 1)))
+    products = white.between(all_rows(channel), np.array([0, -1]))
+    assert (products[:, 1] == 0.0).all()
+    assert (white.between(np.array([-1]), all_rows(channel)) == 0.0).all()
