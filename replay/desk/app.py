@@ -19,16 +19,19 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.templating import Jinja2Templates
 
+from models.common.errors import LogError
 from models.common.pages.document import PAGE_STYLE
 from replay.desk.guard import Guard
 from replay.desk.question import Question, others, rows
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_text
+from replay.desk.trial import make
 from replay.desk.work import Work
 from replay.logs.formats import known_suffixes
 
 _HERE = Path(__file__).parent
 _LONGEST_FORM = 1 << 18
 _SEE_OTHER = 303
+_NO_ROOM = 507
 
 
 class _Pages:
@@ -111,6 +114,18 @@ class _Pages:
         self._work.start(drop, question.written(drop), question)
         return _back(drop)
 
+    async def trial(self, _: Request) -> Response:
+        """A simulated flight, and the first question about it."""
+        drop = self._desk.new_drop()
+        try:
+            await make(drop.folder / "logs")
+        except LogError as error:
+            await run_in_threadpool(shutil.rmtree, drop.folder, ignore_errors=True)
+            raise HTTPException(500, f"no flight was simulated: {error}") from None
+        question = Question.of([("kind", "missing")], drop)
+        self._work.start(drop, question.written(drop), question)
+        return _back(drop)
+
     async def cancel(self, request: Request) -> Response:
         """End one question."""
         drop = self._drop(request)
@@ -125,6 +140,26 @@ class _Pages:
         await self._work.cancel(*drop.asks)
         await run_in_threadpool(shutil.rmtree, drop.folder, ignore_errors=True)
         return RedirectResponse("/", _SEE_OTHER)
+
+    async def refused(self, request: Request, error: Exception) -> Response:
+        """A page with a way back for a browser, a line for what copies a log."""
+        if isinstance(error, HTTPException):
+            line = error.detail
+            code = error.status_code
+        else:
+            line = f"nothing more can be kept here: {getattr(error, 'strerror', error)}"
+            code = _NO_ROOM
+        if "text/html" not in request.headers.get("accept", ""):
+            return PlainTextResponse(line, code)
+        shown = {"line": line, "back": self._way_back(request)}
+        return self._templates.TemplateResponse(request, "error.html", shown, code)
+
+    def _way_back(self, request: Request) -> str:
+        """The page that the request came from: of its logs, where they are still there."""
+        name = request.path_params.get("drop")
+        if name in {drop.folder.name for drop in self._desk.drops}:
+            return f"/drops/{name}"
+        return "/"
 
     def _drop(self, request: Request) -> Drop:
         return Drop(one_of((drop.folder for drop in self._desk.drops), request.path_params["drop"]))
@@ -150,6 +185,7 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
     routes = [
         Route("/", pages.home),
         Route("/drops", pages.new_drop, methods=["POST"]),
+        Route("/trial", pages.trial, methods=["POST"]),
         Route("/drops/{drop}", pages.show),
         Route("/drops/{drop}/delete", pages.remove, methods=["POST"]),
         Route("/drops/{drop}/logs/{name:path}/delete", pages.remove_log, methods=["POST"]),
@@ -159,7 +195,7 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
         Mount("/files", StaticFiles(directory=desk.folder)),
         Mount("/static", StaticFiles(directory=_HERE / "static")),
     ]
-    handlers = {OSError: _no_room}
+    handlers = {OSError: pages.refused, HTTPException: pages.refused}
     return Starlette(
         routes=routes,
         middleware=[Middleware(Guard)],
@@ -170,9 +206,3 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
 
 def _back(drop: Drop) -> Response:
     return RedirectResponse(f"/drops/{drop.folder.name}", _SEE_OTHER)
-
-
-async def _no_room(_: Request, error: Exception) -> Response:
-    return PlainTextResponse(
-        f"nothing more can be kept here: {getattr(error, 'strerror', error)}", 507
-    )

@@ -90,6 +90,56 @@ def told(client, page: str, number: int = 1) -> dict:
     return client.get(f"{page.replace('drops', 'files')}/asks/{number}/answer.json").json()
 
 
+FOR_PEOPLE = {"accept": "text/html,application/xhtml+xml"}
+
+
+def test_an_error_has_a_way_back_for_a_browser_and_is_a_line_for_a_copy(idle, flown):
+    page = drop(idle, monday=flown)
+    asked = idle.post(f"{page}/asks", data={"kind": "changed"}, headers=FOR_PEOPLE)
+    assert asked.status_code == 400
+    assert f'<a href="{page}">Back to these logs</a>' in asked.text
+    assert 'role="alert"' in asked.text
+    gone = idle.get("/drops/nowhere", headers=FOR_PEOPLE)
+    assert gone.status_code == 404
+    assert '<a href="/">Back to all logs</a>' in gone.text
+    said = idle.put(f"{page}/logs/notes.txt", content=b"x")
+    assert "<" not in said.text
+    assert "notes.txt: is no log" in said.text
+
+
+def test_every_page_has_one_main_part_and_names_its_buttons(idle, flown):
+    assert "Try a simulated flight" in idle.get("/").text
+    page = drop(idle, monday=flown)
+    for text in (idle.get("/").text, idle.get(page).text):
+        assert text.count("<main>") == 1
+        assert "<button>Remove" not in text
+    assert "Try a simulated flight" not in idle.get("/").text
+    assert 'aria-label="Remove monday.tlog"' in idle.get(page).text
+
+
+def test_a_flight_that_cannot_be_simulated_leaves_nothing(idle, desk, tmp_path, monkeypatch):
+    broken = tmp_path / "python"
+    broken.write_text("#!/bin/sh\necho companion: no room >&2\nexit 2\n")
+    broken.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(broken))
+    said = idle.post("/trial")
+    assert said.status_code == 500
+    assert "no room" in said.text
+    assert list(desk.folder.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_an_empty_desk_has_a_flight_to_try(working):
+    shown = working.post("/trial")
+    assert "simulated-flight.tlog" in shown.text
+    page = shown.url.path
+    end = time.monotonic() + PATIENCE_S
+    while 'class="doing"' in (text := working.get(page).text):
+        assert time.monotonic() < end, text
+        time.sleep(0.1)
+    assert told(working, page)["verdict"]
+
+
 @pytest.mark.slow
 def test_a_log_is_dropped_answered_corrected_and_answered_again(working, flown):
     page = drop(working, monday=flown)

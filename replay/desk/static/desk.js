@@ -56,6 +56,16 @@ zone.addEventListener("dragleave", () => { zone.className = ""; });
 zone.addEventListener("drop", e => { e.preventDefault(); zone.className = ""; take([...e.dataTransfer.files]); });
 $("files").addEventListener("change", e => take([...e.target.files]));
 
+const answer = $("answer");
+function whole() {  // as high as what is in it, so that the page scrolls and not a part of it; no script runs in it
+  if (answer.contentDocument?.body) answer.style.height = `${answer.contentDocument.documentElement.scrollHeight + 8}px`;
+}
+if (answer) {
+  answer.addEventListener("load", whole);
+  window.addEventListener("resize", whole);
+  whole();
+}
+
 async function look() {
   let wait = 1000;
   try {
@@ -74,3 +84,8 @@ if (live) {
   setTimeout(look, 700);
   form.addEventListener("input", () => { typed = true; });
 }
+const trial = $("trial");
+if (trial) trial.addEventListener("submit", () => {
+  trial.querySelector("button").disabled = true;
+  $("sending").textContent = "flies; the question is asked then";
+});
