@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 
 from models.common.frames import Array
 from models.common.pages.svg import Line, figure
-from replay.fleet.season import Course, Season, VehicleSeason
+from replay.fleet.season import Course, Season, Sized, VehicleSeason
 from replay.report import render
 
 DAY_S = 86_400.0
@@ -76,13 +77,21 @@ def _plot(course: Course) -> str:
     days = _days(course)
     values = np.array([s.value for s in course.sizes])
     half = np.array([0.5 * (s.high - s.low) for s in course.sizes])
-    lines = [Line(days, values, "after", "with its 95 % interval", points=True, error=half)]
+    names = [_name(size, course.unit) for size in course.sizes]
+    label = "with its 95 % interval"
+    lines = [Line(days, values, "after", label, points=True, error=half, names=names)]
     if course.change is not None:
         before = days < _day(course.change.date, course)
         mean = np.where(before, course.change.before, course.change.after)
         lines.append(Line(days, mean, "before", "mean before and after"))
     title = f"{course.effect}: {course.parameter}"
     return figure(title, lines, "days since the first log", course.unit)
+
+
+def _name(size: Sized, unit: str) -> str:
+    """What a browser says of a point under the cursor."""
+    numbers = f"{size.value:.3g} {unit}, 95 %: {size.low:.3g} to {size.high:.3g}"
+    return f"{size.date[:10]}, {Path(size.log).name}: {numbers}"
 
 
 def _days(course: Course) -> Array:

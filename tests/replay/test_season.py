@@ -187,6 +187,7 @@ def test_the_page_says_what_its_filters_need(store: Store) -> None:
     assert '<tr data-effect="thrust_scale" data-date="2026-05-07T10:00:00Z">' in text
     assert '<div data-effect="thrust_scale"><figure>' in text
     assert "<option>thrust_scale</option>" in text
+    assert "<title>2026-05-07, 7.tlog: -0.08 1, 95 %: -0.09 to -0.07</title>" in text
 
 
 @pytest.mark.slow

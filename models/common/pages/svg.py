@@ -47,6 +47,8 @@ class Line:
     label: str = ""
     points: bool = False
     error: Array | float = 0.0
+    names: Sequence[str] = ()
+    """Of the points: a browser shows them under the cursor."""
 
 
 @dataclass(frozen=True)
@@ -206,11 +208,14 @@ def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
 def _dots(line: Line, xs: _Scale, ys: _Scale) -> str:
     out = ""
     places = (xs(line.x), ys(line.y), ys(line.y - line.error), ys(line.y + line.error))
-    for x, y, low, high in zip(*places, strict=True):
+    names = line.names or [""] * len(line.x)
+    for x, y, low, high, name in zip(*places, names, strict=True):
         if np.isfinite(x + y + low):
             if low != high:
                 bar = f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>'
             else:
                 bar = ""
-            out += f'<g class="dot {line.kind}">{bar}<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/></g>'
+            shown = f"<title>{escape(name)}</title>" if name else ""
+            circle = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/>'
+            out += f'<g class="dot {line.kind}">{shown}{bar}{circle}</g>'
     return out
