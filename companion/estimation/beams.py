@@ -63,14 +63,20 @@ def read(
             doubted = Doubt(None, None, doubted.sight)
         else:
             doubted = doubt(here, doubted, near_m, target)
-    beam = with_changes(beam, sensor=reading.sensor, heard_s=t_s, slant_m=slant, read=doubted)
+    usable = not math.isnan(slant) and doubted.why is None
     clear_since_s = math.inf
-    if not math.isnan(slant) and doubted.why is None:
-        if math.isfinite(reading.distance_m):
-            beam = _measured(beam, reading, here, near_m)
-        elif math.isinf(reading.distance_m):
-            clear_since_s = min(beam.clear_since_s, t_s)
-    beam = with_changes(beam, clear_since_s=clear_since_s)
+    if usable and math.isinf(reading.distance_m):
+        clear_since_s = min(beam.clear_since_s, t_s)
+    beam = with_changes(
+        beam,
+        sensor=reading.sensor,
+        heard_s=t_s,
+        slant_m=slant,
+        read=doubted,
+        clear_since_s=clear_since_s,
+    )
+    if usable and math.isfinite(reading.distance_m):
+        beam = _measured(beam, reading, here, near_m)
     return with_changes(
         estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :])
     )
