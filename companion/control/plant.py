@@ -84,6 +84,7 @@ _NOMINAL_PERIOD_S = 0.02
 """Attitudes at 50 Hz, as asked for; the delays above hold for that."""
 _OMEGA = np.geomspace(0.2, 40.0, 500)
 """rad/s: from well below the integrators to well above any crossover."""
+_J_OMEGA = 1j * _OMEGA
 TILT_MEAN_S = 0.8
 """A tilt that lasts longer than this balances something and accelerates nothing. At half of it the phase margin is 5
 degrees lower, at twice of it a slow disturbance is answered later (docs/lab/hold.md)."""
@@ -223,14 +224,20 @@ def margin_of(response: Frequencies) -> Margin:
     return Margin(float(min(distances, default=np.inf)), phase_margin)
 
 
-def horizontal_loop(gains: HoldGains, loop: AttitudeLoop, age_s: float) -> Frequencies:
-    """Open loop (n,) over ``_OMEGA`` from acceleration command to acceleration command.
+def horizontal_loop(
+    gains: HoldGains,
+    loop: AttitudeLoop,
+    age_s: float,
+    s: Frequencies = _J_OMEGA,
+    stiffness_1_s2: float = 0.0,
+) -> Frequencies:
+    """Open loop (n,) over ``s`` from acceleration command to acceleration command.
 
     ``age_s``: how old a position is on average when it is used; it is predicted over that time by the tilt.
+    ``stiffness_1_s2``: k of a wall's pull that grows by k x towards it; the plant is 1 / (s^2 - k).
     """
-    s = 1j * _OMEGA
     high_pass = s * TILT_MEAN_S / (1.0 + s * TILT_MEAN_S)
-    late = np.exp(-s * age_s)
+    late = np.exp(-s * age_s) / (1.0 - stiffness_1_s2 / s**2)
     velocity = late / s + age_s * high_pass
     position = late / s**2 + age_s * (late / s + 0.5 * age_s * high_pass)
     slip = gains.position_1_s * position + velocity + gains.tilt_lead_s * high_pass
