@@ -20,6 +20,9 @@ from typing import Any
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parameter
 from companion.control.lateness import LATE_FADE_S
+from companion.control.plant import Source, declared_loop, tune
+from companion.control.wall_stability import beside_wall
+from companion.disturbance.wall_law import hovering, wall_law
 from companion.mavlink import OWN_COMPONENT, samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.file_frames import STAMP_BYTES, cut_file
@@ -54,6 +57,10 @@ _LEAST_HZ = 5.0
 """Of ranges and rotor speeds: slower, every single reading is too old for the next."""
 _RANGE_HZ = 10.0
 """From here on a lost reading is not missed."""
+_NEAR_WALL_M = 0.15
+"""Work at a wall is so near."""
+_LOW_RADII = 2.0
+"""Near the ground a wall's pull may grow faster: there it is looked at too."""
 _USABLE = 0.5
 """Share of the readings that must be usable."""
 _REACH_M = (1.0, 0.5)
@@ -195,7 +202,7 @@ def items(heard: Listener, setup: CheckSetup) -> list[Item]:
     """Everything that was looked at, in the order of the table."""
     out = [*_vehicle_file(setup), *_autopilot(heard, setup)]
     if heard.state.heard.heartbeat is not None:
-        checks = (_parameters, _rates, _ranges, _rotors, _hover, _position, _clock)
+        checks = (_parameters, _rates, _ranges, _rotors, _hover, _position, _wall, _clock)
         out += [item for check in checks for item in check(heard, setup)]
     return [*out, *_signing(heard, setup), *_record(setup)]
 
@@ -560,6 +567,26 @@ def _position(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
         yield _judged(
             "position", text, (not trusted, _FAIL, "", "wait for GPS, vision or optical flow")
         )
+
+
+def _wall(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
+    """How near to a wall the hold may go: by the loop that was measured, or by the parameters."""
+    if setup.config.base is not Base.HOLD:
+        return
+    state = heard.state
+    loop = state.plant.loop
+    if loop.source is not Source.MEASURED:
+        loop = declared_loop(stack_of(state.heard.heartbeat), state.heard.parameters)
+    tuned = tune(loop, state.plant.timing)
+    heights = (math.inf, _LOW_RADII * setup.config.vehicle.rotor_radius_m)
+    laws = [wall_law(setup.config, hovering(setup.config, height_m)) for height_m in heights]
+    least_m = max([beside_wall(tuned, 1.0, law, math.inf).least_wall_m for law in laws])
+    if least_m == 0.0:
+        yield Item("beside a wall", Verdict.PASS, "the hold is stable at any distance")
+        return
+    text = f"this attitude loop can hold {least_m:.2f} m from a wall, not less"
+    do = "a quicker attitude loop (ATC_INPUT_TC, MC_ROLL_P, MC_PITCH_P), or positions more often"
+    yield _judged("beside a wall", text, (least_m > _NEAR_WALL_M, _WARN, "", do))
 
 
 def _clock(heard: Listener, setup: CheckSetup) -> Iterator[Item]:

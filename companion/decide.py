@@ -28,7 +28,9 @@ from companion.control.position_hold import (
 )
 from companion.control.position_target import Target
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
+from companion.control.wall_distance import kept_off, see_wall, sent_to_m
 from companion.control.wall_guard import watch_wall
+from companion.disturbance.wall_law import NEAR_RADII
 from companion.estimation import estimator as est
 from companion.estimation.height_drift import HeightDrift
 from companion.mavlink import OWN_COMPONENT, samples
@@ -54,8 +56,8 @@ _RETURN_S = 10.0
 _RETURN_M = 1.0
 """A hold that engages again so soon and so near goes back to the place that it had to leave."""
 _SENSED = (est.Seen.SURFACE, est.Seen.NOTHING)
-_NEAR_RADII = 4.0
-"""Rotor radii from lip to wall within which its pull is felt: the models' data end at 3.8."""
+_SAID_AGAIN_S = 30.0
+"""A notice that is still true is said again after so long."""
 
 
 def calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
@@ -86,6 +88,10 @@ def decide(
 
     before = state.sending.offsets.applied
     held, base = _base(state, bool(held_back), thrust, config, t_s)
+    notice = state.notice
+    if held.asked_m != state.held.asked_m and not _said_lately(notice, t_s):
+        notice = (Notice.WALL_LEAST, t_s)
+    state = with_changes(state, notice=notice)
     offsets = _offsets(
         state=state,
         base=base,
@@ -189,6 +195,15 @@ def _offsets(
     )
 
 
+def _said_lately(notice: tuple[Notice, float] | None, t_s: float) -> bool:
+    """Whether the least distance to a wall was the last notice."""
+    return (
+        notice is not None
+        and notice[0] is Notice.WALL_LEAST
+        and 0.0 <= t_s - notice[1] < _SAID_AGAIN_S
+    )
+
+
 def _watched(
     state: PipelineState, late_s: float, t_s: float, config: PipelineConfig
 ) -> PipelineState:
@@ -272,7 +287,7 @@ def _base(
     offset = state.sending.offsets.offset
     seen = state.air.disturbance
     wall_ahead = watch_wall(held.wall_ahead, seen, position.velocity_ned, t_s)
-    near_m = _NEAR_RADII * config.vehicle.rotor_radius_m
+    near_m = NEAR_RADII * config.vehicle.rotor_radius_m
     clear_of_wall = seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > near_m
     pushed = _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw)
     motion = Motion(
@@ -287,13 +302,23 @@ def _base(
         balance=state.learned.balance.acceleration,
     )
     assert state.plant.tuned is not None
-    gains = state.plant.tuned.gains
+    tuned = state.plant.tuned
+    gains = tuned.gains
     hold = held.hold
     if hold is None:
         hold = _engaged(state, motion, thrust, gains.lag_s, config.vehicle, t_s)
         hold = _returned(hold, held.left, motion.position, t_s)
+    wall = see_wall(held.wall, seen, position, t_s)
+    asked_m = held.asked_m
+    if wall is not None and tuned.least_wall_m > 0.0:
+        kept = kept_off(hold, wall, tuned.least_wall_m)
+        if kept is not hold:
+            asked_m = sent_to_m(hold, wall)
+        hold = kept
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return with_changes(held, hold=hold, wall_ahead=wall_ahead, left=None), base
+    return with_changes(
+        held, hold=hold, wall_ahead=wall_ahead, left=None, wall=wall, asked_m=asked_m
+    ), base
 
 
 def _ended(

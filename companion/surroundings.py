@@ -8,13 +8,16 @@ from companion.config import Base, PipelineConfig
 from companion.control.plant import FULL
 from companion.control.reasons import Notice
 from companion.disturbance.model import modelled_disturbance
+from companion.disturbance.wall_law import NEAR_RADII, Lips, WallLaw, wall_law
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.range_geometry import NO_MATTER_RADII
+from companion.estimation.surfaces import Seen
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.state.pipeline_state import PipelineState
 from models.common.frames import GRAVITY
 from models.common.frozen_copy import with_changes
+from models.vehicle_wrench import fan_rpm_now
 
 DISTURBANCE_PERIOD_S = 0.03
 """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
@@ -50,6 +53,26 @@ def renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) 
         share += min(max(t_s - before.disturbance_s, 0.0) / _LIFT_TIME_S, 1.0) * (now - share)
     air = with_changes(before, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
     return with_changes(state, air=air)
+
+
+def wall_law_now(state: PipelineState, config: PipelineConfig, t_s: float) -> WallLaw | None:
+    """How the pull of the wall beside the vehicle grows towards it; None where no wall is near."""
+    disturbance = state.air.disturbance
+    rotors = est.rotor_speeds(state.estimates, config, t_s)
+    if disturbance is None or rotors is None or disturbance.wall.seen is not Seen.SURFACE:
+        return None
+    nearest = min(disturbance.d_m)
+    if nearest > NEAR_RADII * config.vehicle.rotor_radius_m:
+        return None
+    lips = Lips(
+        h_m=disturbance.h_m,
+        behind_m=tuple([d_m - nearest for d_m in disturbance.d_m]),
+        rpm=fan_rpm_now(config.vehicle, rotors),
+    )
+    adaptation = state.learned.adaptation
+    if adaptation is None or disturbance.parts is None:
+        return wall_law(config, lips)
+    return wall_law(config, lips, adaptation.applied, disturbance.parts.around)
 
 
 def damping_1_s(state: PipelineState, config: PipelineConfig) -> float:

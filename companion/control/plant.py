@@ -60,7 +60,7 @@ class HoldGains:
         With them it ran on into the wall on ArduCopter (slow attitude loop, positions at 10 Hz, no offsets).
         """
         if self.position_1_s >= HoldGains.position_1_s:
-            return self.tilt_lead_s / _TILT_LEAD_SHARE
+            return self.tilt_lead_s / TILT_LEAD_SHARE
         return 0.0
 
 
@@ -84,17 +84,18 @@ _NOMINAL_PERIOD_S = 0.02
 """Attitudes at 50 Hz, as asked for; the delays above hold for that."""
 _OMEGA = np.geomspace(0.2, 40.0, 500)
 """rad/s: from well below the integrators to well above any crossover."""
+_J_OMEGA = 1j * _OMEGA
 TILT_MEAN_S = 0.8
 """A tilt that lasts longer than this balances something and accelerates nothing. At half of it the phase margin is 5
 degrees lower, at twice of it a slow disturbance is answered later (docs/lab/hold.md)."""
 CLIMB_LEAD_S = 0.05
 """How far ahead vertical velocity is predicted from the acceleration that was asked for: about what motors are late."""
-_TILT_LEAD_SHARE = 0.8
+TILT_LEAD_SHARE = 0.8
 """How far ahead velocity is predicted from the tilt that there is: a share of the loop's own lag."""
 _WANTED = Margin(gain=1.6, phase_deg=18.0)
 """Gains are chosen to have at least this. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which the
 full gains have on quick loops; on slow ones softer gains are drawn to a wall sooner than they would swing."""
-_SHARES = tuple(0.92**k for k in range(21))
+SHARES = tuple(0.92**k for k in range(21))
 """Of the gains, tried in this order: down to 0.19."""
 
 
@@ -197,6 +198,10 @@ class HoldTuning:
     """Of the full horizontal gains."""
     climb_share: float
     loop: AttitudeLoop
+    age_s: float = 0.0
+    """Of a position when it is used."""
+    least_wall_m: float = 0.0
+    """Nearer to the wall that is seen, no gains hold against its pull."""
 
 
 def margin_of(response: Frequencies) -> Margin:
@@ -223,14 +228,20 @@ def margin_of(response: Frequencies) -> Margin:
     return Margin(float(min(distances, default=np.inf)), phase_margin)
 
 
-def horizontal_loop(gains: HoldGains, loop: AttitudeLoop, age_s: float) -> Frequencies:
-    """Open loop (n,) over ``_OMEGA`` from acceleration command to acceleration command.
+def horizontal_loop(
+    gains: HoldGains,
+    loop: AttitudeLoop,
+    age_s: float,
+    s: Frequencies = _J_OMEGA,
+    stiffness_1_s2: float = 0.0,
+) -> Frequencies:
+    """Open loop (n,) over ``s`` from acceleration command to acceleration command.
 
     ``age_s``: how old a position is on average when it is used; it is predicted over that time by the tilt.
+    ``stiffness_1_s2``: k of a wall's pull that grows by k x towards it; the plant is 1 / (s^2 - k).
     """
-    s = 1j * _OMEGA
     high_pass = s * TILT_MEAN_S / (1.0 + s * TILT_MEAN_S)
-    late = np.exp(-s * age_s)
+    late = np.exp(-s * age_s) / (1.0 - stiffness_1_s2 / s**2)
     velocity = late / s + age_s * high_pass
     position = late / s**2 + age_s * (late / s + 0.5 * age_s * high_pass)
     slip = gains.position_1_s * position + velocity + gains.tilt_lead_s * high_pass
@@ -286,7 +297,7 @@ def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
 
 @lru_cache(maxsize=256)
 def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
-    led = with_changes(FULL, tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s)
+    led = with_changes(FULL, tilt_lead_s=TILT_LEAD_SHARE * loop.lag_s)
     share, level = _hardest(
         lambda s: margin_of(horizontal_loop(soften(led, s, 1.0), loop, age_s)), softer
     )
@@ -294,12 +305,12 @@ def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
         lambda s: margin_of(vertical_loop(soften(led, 1.0, s), age_s)), softer
     )
     margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
-    return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop)
+    return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop, age_s)
 
 
 def _hardest(margin_at: Callable[[float], Margin], softer: float) -> tuple[float, Margin]:
     """The first share that has enough of a margin, else the one with the largest."""
-    tried = [(share * softer, margin_at(share * softer)) for share in _SHARES]
+    tried = [(share * softer, margin_at(share * softer)) for share in SHARES]
     enough = [one for one in tried if one[1].meets(_WANTED)]
     most = max(
         tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg)

@@ -298,6 +298,13 @@ def _approached(
     return Reference(position, velocity, acceleration, velocity, (first, second, third))
 
 
+def way_to_stop(velocity: Vector3) -> Vector3:
+    """The way [m] on which an approach stops from ``velocity``: v / closing + v^2 / (2 brake)."""
+    size = math.hypot(*velocity)
+    brake = 0.25 * _JERK_M_S3
+    return scaled(velocity, 1.0 / _CLOSING_1_S + size / (2.0 * brake))
+
+
 def _stoppable(distance: float, closing: float, brake: float) -> float:
     """The speed v [m/s] that takes ``distance`` [m] to stop: distance = v / closing + v^2 / (2 brake).
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
+from companion.last_word import PERIOD_S, TIMES
 from companion.mavlink import BAUD, OWN_COMPONENT
 from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
@@ -21,6 +23,9 @@ from models.common.errors import ConfigError, LinkError
 _NETWORK = ("udp", "udpin", "udpout", "tcp")
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
+_LAST_WORD_S = TIMES * PERIOD_S + 1.0
+"""For so long a second process may say the last word of a companion that was killed, on a busy computer too."""
+_AGAIN_S = 0.05
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
 _READS = 300
@@ -277,13 +282,27 @@ def _check(endpoint: str) -> str:
             f"{scheme}:127.0.0.1:14550"
         )
     if scheme in ("udp", "udpin"):
-        # pymavlink binds with SO_REUSEADDR: two listeners would share the port, each missing what the other gets.
+        _await_port(endpoint, host, int(port))
+    return scheme
+
+
+def _await_port(endpoint: str, host: str, port: int) -> None:
+    """Until nobody else holds the port: the second process of a companion that was killed keeps it for a second.
+
+    pymavlink binds with SO_REUSEADDR: two listeners would share the port, each missing what the other gets.
+    """
+    end_s = time.monotonic() + _LAST_WORD_S
+    while True:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.bind((host, int(port)))
+                probe.bind((host, port))
             except OSError as error:
-                raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None
-    return scheme
+                if error.errno != errno.EADDRINUSE or time.monotonic() > end_s:
+                    said = _reason(error, "udp")
+                    raise LinkError(f"{endpoint}: cannot be opened: {said}") from None
+            else:
+                return
+        time.sleep(_AGAIN_S)
 
 
 def _reason(error: OSError | EOFError, scheme: str) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from companion.control.position_hold import Hold
 from companion.control.position_target import Target
+from companion.control.wall_distance import WallPlane
 from companion.control.wall_guard import WallAhead
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift
@@ -24,3 +25,7 @@ class Held:
     """Of its position against the wall range."""
     wall_ahead: WallAhead | None = None
     """A wall that the held vehicle is driven to."""
+    wall: WallPlane | None = None
+    """The wall beside the hold."""
+    asked_m: float = 0.0
+    """How near to a wall it was last sent, where that was too near."""

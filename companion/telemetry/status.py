@@ -98,7 +98,7 @@ class StatusReporter:
             yield from self.tell(text, warning=bool(decision.reasons))
         if decision.notice is not None and decision.notice != self._noticed:
             self._noticed = decision.notice
-            yield from self.tell(f"companion: {decision.notice[0].value}")
+            yield from self.tell(f"companion: {_noticed(decision.notice[0], state, decision)}")
         if decision.adaptation is not None:
             for size, share, sentence in words.sentences(decision.adaptation, self._shares):
                 self._shares[size] = share
@@ -167,6 +167,15 @@ class StatusReporter:
         else:
             late = ""
         return words.replace(gravest, gravest + late, 1)
+
+
+def _noticed(notice: Notice, state: PipelineState, decision: Decision) -> str:
+    """A notice in words, with its figures."""
+    text: str = notice.value
+    if notice is Notice.WALL_LEAST and decision.tuned is not None:
+        text = text.replace("…", f"{decision.tuned.least_wall_m:.2f}", 1)
+        text = text.replace("…", f"{max(state.held.asked_m, 0.0):.2f}", 1)
+    return text
 
 
 def chunks(text: str) -> list[str]:

@@ -16,8 +16,10 @@ from fake_autopilot import FakeAutopilot, free_port
 from flight_case import Case, CasePilot
 from patience import HANG_S
 
+import models
 from companion.check import CheckSetup, Item, Listener, Verdict, items, may_fly, read_log
 from companion.cli import main
+from companion.config import PipelineConfig
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.wire_frames import cut
 from replay.logs.tlog import read_tlog
@@ -42,10 +44,12 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def listened(flight: Path, edits: dict[str, Edit] | None = None) -> Listener:
+def listened(
+    flight: Path, edits: dict[str, Edit] | None = None, own: PipelineConfig = OWN
+) -> Listener:
     """The flight heard, with messages changed."""
     listener, parser, writer = (
-        Listener(config=OWN),
+        Listener(config=own),
         mavlink.MAVLink(None),
         mavlink.MAVLink(None, 1, 1),
     )
@@ -70,12 +74,8 @@ def heard(flight: Path) -> Listener:
 
 def checked(heard: Listener, **setup: Any) -> dict[str, Item]:
     """The items by name."""
-    return {
-        i.name: i
-        for i in items(
-            heard, CheckSetup(config=OWN, vehicle_file="vehicle", **{"live": False, **setup})
-        )
-    }
+    known = {"config": OWN, "vehicle_file": "vehicle", "live": False, **setup}
+    return {item.name: item for item in items(heard, CheckSetup(**known))}
 
 
 def test_a_good_flight_passes_every_item(heard):
@@ -160,6 +160,17 @@ def test_what_is_wrong_is_said_by_name_with_what_to_set(flight, name):
     assert found[item].verdict.value == verdict, found[item]
     assert do is None or do in (found[item].do or "")
     assert verdict != "fail" or not may_fly(found.values())
+
+
+def test_how_near_a_slow_loop_may_go_to_a_wall_is_said_from_the_parameters(flight):
+    own = replace(OWN, model=models.load("corner_cfd"))
+    slow = parameter("ATC_INPUT_TC", 0.3)
+    heard = listened(flight, {"PARAM_VALUE": slow, "LOCAL_POSITION_NED": thinned(5)}, own)
+    item = checked(heard, config=own)["beside a wall"]
+    assert item.verdict is Verdict.WARN
+    assert "m from a wall, not less" in item.text
+    assert item.do is not None
+    assert "ATC_INPUT_TC" in item.do
 
 
 def test_a_key_that_nothing_is_signed_with_fails_and_a_record_folder_that_is_none(heard, tmp_path):

@@ -17,6 +17,8 @@ from patience import HANG_S
 
 from companion.control.hand_over import held_off
 from companion.last_word import LastWord
+from companion.mavlink.link import Arrivals, open_link
+from models.common.errors import LinkError
 
 
 def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
@@ -109,6 +111,35 @@ def _alive(pid: int) -> bool:
             return file.read().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_a_restart_at_once_after_kill_9_takes_the_port_over_from_the_second_process():
+    port = free_port()
+    code = (
+        "import socket, time; from companion.last_word import LastWord\n"
+        "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)\n"
+        f"s.bind(('127.0.0.1', {port})); w = LastWord(s.fileno())\n"
+        "w.renew(b'stay here', [('127.0.0.1', 9)]); print(w.pid, flush=True); time.sleep(60)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+    ) as parent:
+        child = int(parent.stdout.readline())
+        parent.kill()
+    assert _alive(child)
+    link = open_link(f"udpin:127.0.0.1:{port}", Arrivals())
+    link.close()
+    end = time.monotonic() + 10.0
+    while _alive(child) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not _alive(child)
+
+
+def test_a_port_that_another_program_keeps_is_refused():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        with pytest.raises(LinkError, match="in use by another program"):
+            open_link(f"udpin:127.0.0.1:{other.getsockname()[1]}", Arrivals())
 
 
 def test_an_orderly_end_says_nothing_more():

@@ -31,7 +31,12 @@ from companion.mavlink.firmware import Stack
 
 
 def swings(
-    gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 1.0, seconds: float = 60.0
+    gains: HoldGains,
+    loop: AttitudeLoop,
+    late_s: float,
+    factor: float = 1.0,
+    seconds: float = 60.0,
+    stiffness_1_s2: float = 0.0,
 ) -> float:
     """Growth of a nudge over a minute, by time steps of 5 ms: the linear loop that the margins are computed for."""
     dt = 0.005
@@ -42,7 +47,7 @@ def swings(
     for _ in range(round(seconds / dt)):
         first += dt / loop.tau_s * (factor * loop.gain * commands[0] - first)
         tilt += dt / loop.tau_s * (first - tilt)
-        v += dt * tilt
+        v += dt * (tilt + stiffness_1_s2 * x)
         x += dt * v
         seen.append((x, v))
         mean += dt / plant.TILT_MEAN_S * (tilt - mean)

@@ -90,6 +90,13 @@ def test_with_a_slow_attitude_loop_and_late_positions_by_less_than_6_cm(mask):
     assert max(past for _, past in flown_ramp(mask, slow=True, wall_m=9.0)) < 0.06
 
 
+def test_a_slow_loop_that_is_sent_too_near_to_a_wall_stays_where_it_holds_the_pull():
+    """Before, the hold went 0.09 m past the place, 0.15 m from the wall."""
+    seen = flown_ramp(POSITION_ONLY, slow=True)
+    assert max(past for _, past in seen) < 0.03
+    assert -0.10 < seen[-1][1] < 0.0
+
+
 @pytest.mark.parametrize("lag_s", [0.0, 0.25, 0.5])
 def test_a_reference_starts_where_the_vehicle_is_and_as_it_moves(lag_s):
     place, speed, acceleration = (1.0, -2.0, -3.0), (0.5, -0.3, 0.2), (0.4, 0.6, 0.0)

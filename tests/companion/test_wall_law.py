@@ -1,0 +1,154 @@
+"""The pull's stiffness over the distance, the gains and the least distance that follow, and where targets end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from audited import config
+
+import models
+from companion.config import PipelineConfig
+from companion.control.plant import AttitudeLoop, HoldTuning, Timing, tune
+from companion.control.position_hold import Hold
+from companion.control.position_target import Target, start_reference, stay
+from companion.control.wall_distance import WallPlane, kept_off, sent_to_m
+from companion.control.wall_stability import DECAY_1_S, beside_wall, roots_right_of
+from companion.disturbance.wall_law import WallLaw, hovering, wall_law
+from companion.vehicles import QUAD
+from models.common.frames import GRAVITY
+from models.surrogate.empty import empty_model
+from models.vehicle import load_vehicle
+
+SLOW = AttitudeLoop(0.16, 0.05)
+QUICK = AttitudeLoop(0.075, 0.09)
+TEN_HZ = Timing(position_period_s=0.10, position_late_s=0.02)
+STEEP = WallLaw((0.1, 0.2, 0.3, 0.4), (2.0, 1.4, 0.8, 0.4))
+
+
+def of_model(name: str) -> PipelineConfig:
+    return replace(config("tandem"), model=models.load(name))
+
+
+@pytest.mark.parametrize("name", ["default", "corner_cfd"])
+def test_the_stiffness_sums_up_to_the_pull_that_the_model_has(name):
+    own = of_model(name)
+    lips = hovering(own, math.inf)
+    law = wall_law(own, lips)
+    d = np.array(law.distances_m)
+    places = np.repeat(d[:, None], len(lips.rpm), axis=1)
+    pull = own.model.query(math.inf, places, np.array(lips.rpm)).wrench[..., 0].sum(axis=1)
+    gained = np.trapezoid(law.stiffness_1_s2, d)
+    assert gained == pytest.approx(1.25 * (pull[0] - pull[-1]) / own.vehicle.mass_kg, rel=0.25)
+
+
+def test_the_speed_of_a_hover_carries_the_weight():
+    own = of_model("default")
+    lips = hovering(own, math.inf)
+    lift = -own.model.free_air(np.array(lips.rpm))[:, 2].sum()
+    assert abs(lift) == pytest.approx(own.vehicle.mass_kg * GRAVITY, rel=0.02)
+
+
+def test_without_a_model_a_pull_as_around_the_papers_robot_is_assumed():
+    tandem = config("tandem").vehicle
+    own = replace(config("tandem"), model=empty_model(tandem))
+    law = wall_law(own, hovering(own, math.inf))
+    assert law.steepest(0.30) == pytest.approx(0.8, abs=0.15)
+    assert all(near > far for near, far in pairwise(law.stiffness_1_s2))
+
+
+def test_the_least_distance_is_where_the_pull_is_held_from_there_on():
+    assert STEEP.least_m(3.0) == 0.0
+    assert STEEP.least_m(1.0) == 0.3
+    assert STEEP.least_m(0.1) == 0.4
+    assert STEEP.steepest(0.25) == 1.4
+    assert STEEP.steepest(math.inf) == 0.4
+
+
+def test_a_quick_loop_is_flown_beside_a_wall_as_elsewhere():
+    tuned = tune(QUICK, Timing())
+    assert beside_wall(tuned, 1.0, STEEP, 0.1) is tuned
+
+
+@pytest.mark.parametrize("lip_m", [0.1, 0.3, 0.45])
+def test_a_slow_loop_is_kept_where_its_gains_hold_the_pull(lip_m):
+    """With today's gains at 0.2 m the swing lasts; the distance grows until it dies out."""
+    tuned = tune(SLOW, TEN_HZ)
+    assert roots_right_of(-DECAY_1_S, tuned.gains, tuned.loop, tuned.age_s, 1.4) > 0
+    beside = beside_wall(tuned, 1.0, STEEP, lip_m)
+    assert beside.least_wall_m == 0.3
+    place = max(lip_m, beside.least_wall_m)
+    pull = STEEP.steepest(place)
+    assert roots_right_of(-DECAY_1_S, beside.gains, beside.loop, beside.age_s, pull) == 0
+    assert beside.margin.phase_deg >= 12.0
+
+
+def test_gains_too_soft_for_the_pull_are_harder_beside_the_wall():
+    quick = AttitudeLoop(0.05, 0.10)
+    tuned = tune(quick, Timing(position_late_s=0.16))
+    law = WallLaw((0.1, 0.2), (2.0, 0.1))
+    assert roots_right_of(-DECAY_1_S, tuned.gains, tuned.loop, tuned.age_s, 2.0) > 0
+    beside = beside_wall(tuned, 1.0, law, 0.1)
+    assert beside.least_wall_m == 0.0
+    assert beside.share > tuned.share
+    assert roots_right_of(-DECAY_1_S, beside.gains, beside.loop, beside.age_s, 2.0) == 0
+    assert beside_wall(tuned, 1.0, law, 0.3).share == tuned.share
+
+
+def test_gains_softened_after_a_swing_stay_soft_and_the_distance_grows():
+    soft = tune(QUICK, TEN_HZ, 0.6)
+    law = WallLaw((0.1, 0.2), (2.5, 0.5))
+    assert beside_wall(tune(QUICK, TEN_HZ), 1.0, law, 0.1).least_wall_m == 0.0
+    beside = beside_wall(soft, 0.6, law, 0.1)
+    assert beside.share <= 0.6
+    assert beside.least_wall_m == 0.2
+
+
+def held(target: Target) -> Hold:
+    reference = start_reference((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    return Hold(
+        target=target,
+        reference=reference,
+        integral=(0.0, 0.0, 0.0),
+        t_s=0.0,
+        tilt_mean=(0.0, 0.0),
+        climb_mean=0.0,
+        climb_command=0.0,
+        since=None,
+    )
+
+
+def test_targets_end_at_the_least_distance_and_move_along_the_wall_as_asked():
+    wall = WallPlane(1.0, 0.0, 1.0, 0.0)
+    near = held(Target((0.9, 2.0, -1.5), (0.3, 0.0, 0.0), 0.0, 0.0))
+    assert sent_to_m(near, wall) == pytest.approx(0.1)
+    kept = kept_off(near, wall, 0.3)
+    assert kept.target.position == pytest.approx((0.7, 2.0, -1.5))
+    assert kept.target.velocity == (0.0, 0.0, 0.0)
+    assert kept_off(kept, wall, 0.3) is kept
+    far = held(Target((0.5, 2.0, -1.5), (0.0, 0.0, 0.0), 0.0, 0.0))
+    assert kept_off(far, wall, 0.3) is far
+
+
+def test_a_velocity_into_the_wall_ends_at_the_least_distance_and_a_hold_inside_it_moves_out():
+    wall = WallPlane(0.0, 1.0, 0.5, 0.0)
+    into = held(Target((math.nan,) * 3, (0.0, 1.0, 0.0), 0.0, 0.0))
+    assert sent_to_m(kept_off(into, wall, 0.3), wall) == pytest.approx(0.3)
+    along = held(Target((math.nan,) * 3, (1.0, 0.0, 0.0), 0.0, 0.0))
+    assert kept_off(along, wall, 0.3) is along
+    inside = held(stay(0.0, 0.0))
+    assert kept_off(inside, wall, 0.6).target.position[:2] == pytest.approx((0.0, -0.1))
+
+
+def test_a_tuning_knows_no_least_distance_away_from_walls():
+    tuned: HoldTuning = tune(SLOW, TEN_HZ)
+    assert tuned.least_wall_m == 0.0
+
+
+def test_the_quad_of_the_file_has_a_lift_without_a_model():
+    quad = load_vehicle(QUAD)
+    own = PipelineConfig(vehicle=quad, model=empty_model(quad))
+    assert wall_law(own, hovering(own, math.inf)).steepest(0.0) > 1.0
