@@ -88,10 +88,8 @@ def decide(
 
     before = state.sending.offsets.applied
     held, base = _base(state, bool(held_back), thrust, config, t_s)
-    notice = state.notice
-    if held.asked_m != state.held.asked_m and not _said_lately(notice, t_s):
-        notice = (Notice.WALL_LEAST, t_s)
-    state = with_changes(state, notice=notice)
+    if held.asked_m != state.held.asked_m and not _said_lately(state.notice, t_s):
+        state = with_changes(state, notice=(Notice.WALL_LEAST, t_s))
     offsets = _offsets(
         state=state,
         base=base,
@@ -108,8 +106,7 @@ def decide(
     if held_back:
         held, hand_over = _ended(state, held, held_back, t_s)
         command = command_held_back(state, hand_over, held_back, thrust, config, t_s)
-        if command is None:
-            hand_over = None
+        hand_over = None if command is None else hand_over
     elif base is not None:
         command = command_of(
             state=state,

@@ -71,10 +71,17 @@ def kept_off(hold: Hold, wall: WallPlane, least_m: float) -> Hold:
 
 def _place(hold: Hold) -> Vector3:
     """Where the target leads, axis by axis; a velocity alone: where the hold would stop."""
-    at = hold.reference.position
-    ahead = way_to_stop(hold.target.velocity)
-    north, east, down = (
-        here + further if math.isnan(wanted) else wanted
-        for wanted, here, further in zip(hold.target.position, at, ahead, strict=True)
+    axes = zip(
+        hold.target.position,
+        hold.reference.position,
+        way_to_stop(hold.target.velocity),
+        strict=True,
     )
+    north, east, down = (_along_axis(*axis) for axis in axes)
     return north, east, down
+
+
+def _along_axis(wanted: float, here: float, further: float) -> float:
+    if math.isnan(wanted):
+        return here + further
+    return wanted
