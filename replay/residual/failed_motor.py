@@ -79,7 +79,7 @@ DRIFTS_S = 0.5
 """Over which what is left of a flight hangs together."""
 WORST_MISFIT = 2.5
 """Mean square over the variance above which a loss does not explain what follows."""
-LEAST_EXPLAINED = 0.8
+LEAST_EXPLAINED = 0.5
 """Share of what is left after a beginning that a loss has to remove. Real losses in simulated flights remove 0.96 or
 more; a steady lean after a take-off removed nothing: its level before was that on the ground."""
 PART_S = 0.5

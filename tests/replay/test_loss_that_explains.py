@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.common.frames import Array
-from replay.residual.failed_motor import _GAINS, GAIN_SD, _Noise, _Signals, _stands
+from replay.residual.failed_motor import _GAINS, GAIN_SD, _Loss, _Noise, _Signals, _stands
 
 STEP_S = 0.1
 BEGIN = 30
@@ -13,7 +13,8 @@ END = 180
 SIDE = float(np.sqrt(0.5))
 ARMS = SIDE * np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 """Of a quadcopter, over the lever: front right, rear left, front left, rear right."""
-NOISE = _Noise(fast=np.array([0.02, 0.02, 0.05]), slow=np.array([0.03, 0.05, 0.1]))
+UNSTEADY = _Noise(fast=np.array([0.02, 0.02, 0.05]), slow=np.array([0.03, 0.05, 0.1]))
+STEADY = _Noise(fast=np.array([0.01, 0.01, 0.03]), slow=np.array([0.004, 0.004, 0.01]))
 PRIOR = -0.5 * (np.log(_GAINS) / GAIN_SD) ** 2
 
 
@@ -44,8 +45,9 @@ def signals(roll: Array, pitch: Array, lost: float) -> _Signals:
     )
 
 
-def loss_of(flight: _Signals, motor: int):
-    return _stands(signals=flight, noise=NOISE, prior=PRIOR, start=0, begin=BEGIN, end=END, k=motor)
+def loss_of(flight: _Signals, noise: _Noise, motor: int) -> _Loss | None:
+    """What is said of this motor."""
+    return _stands(signals=flight, noise=noise, prior=PRIOR, start=0, begin=BEGIN, end=END, k=motor)
 
 
 def test_a_loss_that_explains_little_is_none() -> None:
@@ -58,12 +60,12 @@ def test_a_loss_that_explains_little_is_none() -> None:
     leaning = signals(noisy[:, 0], noisy[:, 1], lost=0.0)
     # What is declared to lean is not measured: the vehicle stays level.
     level = _Signals(**{**vars(leaning), "measured": flight.measured})
-    assert [loss_of(level, motor) for motor in range(4)] == [None] * 4
+    assert [loss_of(level, UNSTEADY, motor) for motor in range(4)] == [None] * 4
 
 
 def test_a_loss_that_explains_what_follows_stands() -> None:
     still = np.zeros(200)
-    loss = loss_of(signals(still, still, lost=0.6), 2)
+    loss = loss_of(signals(still, still, lost=0.6), STEADY, 2)
     assert loss is not None
     assert abs(loss.share - 0.6) < 3.0 * loss.share_sd
     assert loss.explains > 0.9
