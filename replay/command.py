@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -21,7 +21,10 @@ from models.common.text_file import write_json
 from models.surrogate.store import load
 from models.vehicle import Vehicle
 from replay.source_options import source_settings
-from replay.vehicle.draft import INCH_M, Draft, Given, draft
+from replay.vehicle.given import INCH_M, Given
+
+if TYPE_CHECKING:
+    from replay.vehicle.draft import Draft
 
 _OUTLINED = (
     "the vehicle is drafted from parameters and outputs alone: its sizes and its thrust are "
@@ -69,6 +72,9 @@ def of_logs(
     """``declared``; without ``--vehicle`` the vehicle is drafted from the logs, or but outlined (not ``measured``)."""
     if vehicle_file is not None:
         return *declared(vehicle_file, model), None
+    # Imported here: a declared vehicle needs nothing of the search that a draft begins with.
+    from replay.vehicle.draft import draft
+
     if model not in (None, NONE):  # a wrong model is said before the logs are read
         load(model)
     made = draft(logs, known, target_system, measured=measured)

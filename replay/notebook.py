@@ -17,7 +17,8 @@ from replay.diagnosis import diagnose as asked
 from replay.diagnosis.answer import Diagnosis
 from replay.diagnosis.html_report import page
 from replay.diagnosis.model_faults import model_faults
-from replay.vehicle.draft import INCH_M, Given, draft
+from replay.vehicle.draft import draft
+from replay.vehicle.given import INCH_M, Given
 
 DEFAULT = "default"
 

@@ -12,7 +12,7 @@ from typing import Any
 from starlette.exceptions import HTTPException
 
 from replay.desk.store import Ask, Drop, one_of
-from replay.vehicle.draft import INCH_M
+from replay.vehicle.given import INCH_M
 
 
 @dataclass(frozen=True)

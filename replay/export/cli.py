@@ -56,7 +56,7 @@ def run(a: argparse.Namespace) -> int:
     from replay.export.files import write_csv, write_parquet
     from replay.export.mcap_file import write_mcap
     from replay.logs.formats import load
-    from replay.vehicle.draft import Given
+    from replay.vehicle.given import Given
 
     _check_package(a.to)
     target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out

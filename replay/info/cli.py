@@ -68,7 +68,7 @@ def run(a: argparse.Namespace) -> int:
     from replay.command import check_declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
     from replay.info.info import decided, inspect, unasked
-    from replay.vehicle.draft import Given
+    from replay.vehicle.given import Given
 
     check_declared(a.vehicle, a.model)
     folders = any(log.is_dir() for log in a.logs)

@@ -107,7 +107,7 @@ def _vehicle(a: argparse.Namespace) -> tuple[Vehicle, Choice]:
     """
     from companion.vehicles import default_vehicle
     from replay.command import declared, of_logs
-    from replay.vehicle.draft import Given
+    from replay.vehicle.given import Given
 
     if a.vehicle is not None:
         return declared(a.vehicle, a.model)

@@ -39,8 +39,8 @@ from replay.residual.record import Record, build_record
 from replay.sources.choose import chosen
 from replay.vehicle.airframe import TANDEM, TANDEM_SEEN, Airframe, airframe, is_tandem, turns
 from replay.vehicle.fit import ThrustFit, fit_records, free_flight, hovering
+from replay.vehicle.given import Given
 
-INCH_M = 0.0254
 _OPTIONS = {"mass_kg": "--mass KG", "rotor_radius_m": "--propeller INCH", "position_m": "--span M"}
 _GUESSED = "a guess"
 LOGS = 12
@@ -49,19 +49,6 @@ _STRETCHES = 8
 """So many are enough for a hover; of a long log one is 32 MiB."""
 _VOLTAGE_V = 15.0
 """Of a log without battery: nothing depends on it then."""
-
-
-@dataclass(frozen=True)
-class Given:
-    """What the command line says."""
-
-    mass_kg: float | None = None
-    propeller_m: float | None = None
-    """Diameter."""
-    span_m: float | None = None
-    """Motor axis to the opposite motor's axis."""
-    settings: Mapping[str, str] = field(default_factory=dict)
-    """Instance to read, by quantity (``--set``)."""
 
 
 @dataclass(frozen=True)

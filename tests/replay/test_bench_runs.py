@@ -14,7 +14,8 @@ from models.common.frames import GRAVITY, Array
 from models.vehicle import Vehicle, load_vehicle
 from replay.flightlog import FlightLog, Interval, Series
 from replay.residual.record import build_record
-from replay.vehicle.draft import Given, draft
+from replay.vehicle.draft import draft
+from replay.vehicle.given import Given
 from tests.benchmarks.log_writers import BinWriter
 from tests.replay.rigid_flight import RATE_HZ, Motion, fly, logged
 

@@ -21,7 +21,8 @@ from replay.logs import tlog_flightlog
 from replay.logs.tlog_flightlog import read as read_log
 from replay.sources.choose import chosen
 from replay.vehicle.airframe import airframe
-from replay.vehicle.draft import Given, draft
+from replay.vehicle.draft import draft
+from replay.vehicle.given import Given
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from models.vehicle.rotor_speed import Hover, misread
 from replay.flightlog import EscRecord, FlightLog, Series
 from replay.residual.record import Record, build_record
 from replay.sources.choose import chosen
-from replay.vehicle.draft import Given, draft
+from replay.vehicle.draft import draft
+from replay.vehicle.given import Given
 from tests.benchmarks.log_writers import quad_flight, write_tlog
 from tests.replay.rigid_flight import Motion, fly, logged
 
