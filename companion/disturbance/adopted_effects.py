@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from companion.disturbance.stable_gain import GAIN, STIFFNESS_STEP_M, stable_gain
@@ -71,8 +69,8 @@ def adopted_disturbance(
 
 def adopted_pull_change_n(
     model: FanSurrogate, state: AirState, vehicle: Vehicle, step_m: float
-) -> float:
-    """By how much the adopted effects pull the vehicle to the wall less, ``step_m`` further off [N]."""
+) -> Array:
+    """By how much the adopted effects pull the vehicle to the wall less, ``step_m`` further off [N], shape (...)."""
     near, further = (
         adopted_wrench(
             model.effects,
@@ -82,5 +80,6 @@ def adopted_pull_change_n(
         for d_m in (state.d_m, state.d_m + step_m)
     )
     change = near - further
-    bearing = float(state.wall_bearing_rad)
-    return float(change[0] * math.cos(bearing) + change[1] * math.sin(bearing))
+    bearing = state.wall_bearing_rad
+    out: Array = change[..., 0] * np.cos(bearing) + change[..., 1] * np.sin(bearing)
+    return out

@@ -95,7 +95,7 @@ def modelled_disturbance(
     gain = GAIN
     if near.wall.seen is Seen.SURFACE:
         if near.air is not None:
-            change_n += adopted_pull_change_n(model, near.air, vehicle, STIFFNESS_STEP_M)
+            change_n += float(adopted_pull_change_n(model, near.air, vehicle, STIFFNESS_STEP_M))
         gain = stable_gain(change_n / STIFFNESS_STEP_M, vehicle, damping_1_s)
     return Disturbance(
         wrench=tuple(wrench),

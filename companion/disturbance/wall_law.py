@@ -8,11 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.config import PipelineConfig
+from companion.disturbance.adopted_effects import adopted_pull_change_n
 from companion.disturbance.correction import Correction
 from companion.disturbance.records import FanPlaces
 from companion.disturbance.stable_gain import STIFFNESS_STEP_M
+from models.air_state import AirState, blank_state
 from models.common.frames import GRAVITY, Array
-from models.surrogate.empty import is_empty
+from models.common.frozen_copy import with_changes
+from models.vehicle import Vehicle
 
 NEAR_RADII = 4.0
 """Rotor radii from lip to wall within which its pull is felt: the models' data end at 3.8."""
@@ -73,9 +76,13 @@ def wall_law(
         for k, row in enumerate(near):
             place = around._replace(gaps=tuple([float(d) / radius for d in row]))
             changes[k] = correction.pull_change_n(changes[k], place, step_radii)
+    if config.model.effects:
+        beside = _beside(config.vehicle, lips, near)
+        adopted = adopted_pull_change_n(config.model, beside, config.vehicle, STIFFNESS_STEP_M)
+        changes = [a + float(b) for a, b in zip(changes, adopted, strict=True)]
     per_step = _DOUBT / (STIFFNESS_STEP_M * config.vehicle.mass_kg)
     stiffness = [max(per_step * change, 0.0) for change in changes]
-    if is_empty(config.model):
+    if config.model.info.get("method") == "none":
         stiffness = [max(k, _assumed(gap, radius)) for k, gap in zip(stiffness, _GRID, strict=True)]
     return WallLaw(tuple(grid_m), tuple(stiffness))
 
@@ -86,6 +93,19 @@ def _modelled_n(config: PipelineConfig, lips: Lips, near_m: Array) -> list[float
     answer = config.model.query(np.broadcast_to(lips.h_m, d_m.shape), d_m, np.array(lips.rpm))
     pull = answer.wrench[..., 0].sum(axis=-1)
     return [float(change) for change in pull[0] - pull[1]]
+
+
+def _beside(vehicle: Vehicle, lips: Lips, near_m: Array) -> AirState:
+    """A record of level hovers with the lips ``near_m`` (places, fans) from a wall ahead."""
+    places = len(near_m)
+    state = blank_state((places,), len(vehicle.fans), len(vehicle.rotors))
+    rpm = np.array([lips.rpm[fan] for fan in vehicle.rotor_fan])
+    return with_changes(
+        state,
+        h_m=np.tile(lips.h_m, (places, 1)),
+        d_m=near_m,
+        rpm=np.tile(rpm, (places, 1)),
+    )
 
 
 def _assumed(gap_radii: float, radius_m: float) -> float:

@@ -20,6 +20,7 @@ from companion.control.wall_stability import DECAY_1_S, beside_wall, roots_right
 from companion.disturbance.wall_law import WallLaw, hovering, wall_law
 from companion.vehicles import QUAD
 from models.common.frames import GRAVITY
+from models.effects.effect import AdoptedEffect
 from models.surrogate.empty import empty_model
 from models.vehicle import load_vehicle
 
@@ -58,6 +59,17 @@ def test_without_a_model_a_pull_as_around_the_papers_robot_is_assumed():
     law = wall_law(own, hovering(own, math.inf))
     assert law.steepest(0.30) == pytest.approx(0.8, abs=0.15)
     assert all(near > far for near, far in pairwise(law.stiffness_1_s2))
+
+
+def test_an_adopted_wall_effect_counts():
+    tandem = config("tandem").vehicle
+    effect = AdoptedEffect("wall_effect", {"pull": 0.3, "tilt": 0.0, "length_radii": 1.0})
+    bare = replace(config("tandem"), model=empty_model(tandem))
+    amended = replace(bare, model=bare.model.with_effects([effect]))
+    lips = hovering(amended, math.inf)
+    law = wall_law(amended, lips)
+    assumed = wall_law(bare, lips)
+    assert law.steepest(0.15) > 2.0 * assumed.steepest(0.15)
 
 
 def test_the_least_distance_is_where_the_pull_is_held_from_there_on():
