@@ -21,7 +21,8 @@ from models.common.text_file import make_folder, write_text
 from replay.fleet.store import Store
 from replay.identity import VehicleIdentity
 from replay.logs.formats import load
-from replay.vehicle.draft import LOGS, Given, draft
+from replay.vehicle.draft import LOGS, draft
+from replay.vehicle.given import Given
 from replay.vehicle.identity import identity
 
 R = TypeVar("R")

@@ -392,7 +392,11 @@ def _stands(
     explains = 1.0 - left / max(before, 1e-12)
     if explains < LEAST_EXPLAINED:
         return None
-    return _Loss(share=float(share[best]), share_sd=float(spread[best]), explains=explains)
+    # Inertia that is off makes the loss by as much larger or smaller: all gains count by their posterior.
+    weight = np.exp(each - _sum(each))
+    mean = float(weight @ share)
+    variance = float(weight @ (spread**2 + (share - mean) ** 2))
+    return _Loss(share=mean, share_sd=float(np.sqrt(variance)), explains=explains)
 
 
 def _before(
