@@ -16,9 +16,12 @@ from models.cfd.labels import HALF, Label, full_kind, kind_of, labels
 from models.cfd.position import FREE, Place
 from models.common.frames import Array
 
-GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
+GROUND_LIMIT = 4.0
+WALL_LIMIT = 3.8
 """Where the effects of ground and wall end, over R (corner-effect paper, sections 2.2 and 2.3)."""
-AGREES, DISAGREES, OPEN = "agrees", "disagrees", "within uncertainty"
+AGREES = "agrees"
+DISAGREES = "disagrees"
+OPEN = "within uncertainty"
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Statement:
     verdict: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Checked:
     """Everything that is reported, at the campaign's speed.
 
@@ -75,25 +78,32 @@ class Checked:
 
 def check(rows: Sequence[Row], setup: Setup) -> Checked:
     """Judge all cases. Raises ModelError where they do not give a set yet (see ``assemble``)."""
-    made, rpm = assemble(rows, setup), setup.campaign.rpm
+    made = assemble(rows, setup)
+    rpm = setup.campaign.rpm
+    radius = setup.fan.radius_m
     kind = full_kind(rows, rpm)
-    known = {
-        (
-            round(float(row[0]) / setup.fan.radius_m, 9),
-            round(float(row[1]) / setup.fan.radius_m, 9),
-        ): mark
-        for row, mark in zip(made.table, made.marks, strict=True)
-        if row[2] == rpm
-    }
-    solved = known[FREE].made == "solved"
-    parts = {
-        r.position.place: np.array(r.result.parts)
-        for r in rows
-        if kind_of(r.position) == (kind if solved else HALF)
-        and (r.position.rpm, r.position.approach) == (rpm, "near")
-    }
+    known = {}
+    for row, mark in zip(made.table, made.marks, strict=True):
+        if row[2] == rpm:
+            h = round(float(row[0]) / radius, 9)
+            d = round(float(row[1]) / radius, 9)
+            known[h, d] = mark
+    if known[FREE].made == "solved":
+        kind_of_parts = kind
+    else:
+        kind_of_parts = HALF
+    parts = {}
+    for r in rows:
+        of_speed = (r.position.rpm, r.position.approach) == (rpm, "near")
+        if of_speed and kind_of(r.position) == kind_of_parts:
+            parts[r.position.place] = np.array(r.result.parts)
     bare = Checked(
-        known, parts, mesh_error(rows, setup), labels(rows, rpm, kind), labels(rows, rpm), made
+        labels=known,
+        parts=parts,
+        mesh=mesh_error(rows, setup),
+        full=labels(rows, rpm, kind),
+        half=labels(rows, rpm),
+        made=made,
     )
     return replace(bare, statements=tuple(_statements(bare)))
 
@@ -153,8 +163,10 @@ def _measured_fan(c: Checked) -> Judged:
 @_published("Zhao 2022, Zhou 2025", "near the ground the rotors' thrust rises and the duct's falls")
 def _ground_shifts_load(c: Checked) -> Judged:
     h = c.heights[0]
-    near, free = c.parts[h, math.inf], c.parts[FREE]
-    rotor, duct = near[:2].sum() / free[:2].sum(), near[2] / free[2]
+    near = c.parts[h, math.inf]
+    free = c.parts[FREE]
+    rotor = near[:2].sum() / free[:2].sum()
+    duct = near[2] / free[2]
     return f"rotors x {rotor:.2f}, duct x {duct:.2f} at {h:g} R", bool(rotor > 1 > duct)
 
 
@@ -180,7 +192,8 @@ def _wall_lifts(c: Checked) -> Judged:
         ((c.labels[math.inf, d].wrench[2] / c.free - 1, d) for d in c.walls),
         key=lambda rise: abs(rise[0]),
     )
-    (rise, d), mesh = rises[-1], c.mesh[2] / c.free
+    rise, d = rises[-1]
+    mesh = c.mesh[2] / c.free
     ours = f"{100 * rise:+.2f} % at {d:g} R (mesh uncertainty {100 * mesh:.2f} %)"
     return ours, bool(0 < rise < 0.04) if abs(rise) > mesh else None
 
@@ -191,8 +204,10 @@ def _wall_lifts(c: Checked) -> Judged:
 )
 def _wall_ends(c: Checked) -> Judged:
     d = next((d for d in c.walls if d >= WALL_LIMIT), math.nan)
-    nearest, here = c.labels[math.inf, c.walls[0]].wrench[4], c.labels[math.inf, d].wrench
-    lift, excess = here[2] / c.free - 1, abs(here[4]) - 0.1 * nearest
+    nearest = c.labels[math.inf, c.walls[0]].wrench[4]
+    here = c.labels[math.inf, d].wrench
+    lift = here[2] / c.free - 1
+    excess = abs(here[4]) - 0.1 * nearest
     ours = f"tilt {100 * here[4] / nearest:.0f} %, lift {100 * lift:+.2f} % at {d:g} R"
     unsure = 0.0 <= excess < c.mesh[4] and abs(lift) < 0.005
     return ours, None if unsure else bool(excess < 0 and abs(lift) < 0.005)
@@ -227,11 +242,13 @@ def _corner_is_irregular(c: Checked) -> Judged:
 
 def _turns(c: Checked, h: float) -> bool:
     """Whether Fx or Fz over d, at one height, turns round by more than twice mesh noise and swing."""
-    row = [c.labels[place] for place in sorted(p for p in c.corners if p[0] == h)]
+    places = sorted(place for place in c.corners if place[0] == h)
+    row = [c.labels[place] for place in places]
     for k in (0, 2):
         values = np.array([label.wrench[k] for label in row])
         slack = 2 * max(float(c.mesh[k]), float(np.median([label.amplitude[k] for label in row])))
-        up, down = np.maximum.accumulate(values) - values, values - np.minimum.accumulate(values)
+        up = np.maximum.accumulate(values) - values
+        down = values - np.minimum.accumulate(values)
         if up.max() > slack and down.max() > slack:
             return True
     return False
@@ -262,7 +279,8 @@ def _duct_share(c: Checked) -> Judged:
 @_published("paper, eq. 1", "coefficients do not depend on rotor speed")
 def _no_reynolds_number(c: Checked) -> Judged:
     law = c.made.law
-    ours = f"free lift grows as rpm^{2 + law.free:.3f}, increments of Fz as rpm^{2 + law.exponent[2]:.2f}"
+    free = f"free lift grows as rpm^{2 + law.free:.3f}"
+    ours = f"{free}, increments of Fz as rpm^{2 + law.exponent[2]:.2f}"
     holds = abs(law.free) < 0.02 and abs(law.exponent[2]) < 2 * law.error[2] + 0.02
     return f"{ours} +- {law.error[2]:.2f}", bool(holds)
 
