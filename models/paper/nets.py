@@ -97,7 +97,7 @@ def _table_2(result: Comparison) -> Exhibit:
     listed = ", ".join(f"{method} {value:.3f}" for method, value in mean.items())
     return Exhibit(
         title="table 2",
-        paper="GA-Adam-BP is as good as Adam-BP or better, that better than GA-BP, and that than BP",
+        paper="GA-Adam-BP is no worse than Adam-BP, that better than GA-BP, that than BP",
         here=f"mean held-out R² over {', '.join(live)}: {listed}",
         verdict=judged(both >= adam > ga > bp),
         head=("method", "component", "learnt", "held out", "paper, learnt", "paper, test"),
