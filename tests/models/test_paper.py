@@ -72,7 +72,15 @@ def made_up() -> Checked:
         Statement("a duct carries", "another, table 1", "40 %", AGREES),
     ]
     made = cast(Assembled, None)
-    return Checked(places, {}, np.zeros(6), {}, {}, made, tuple(said))
+    return Checked(
+        labels=places,
+        parts={},
+        mesh=np.zeros(6),
+        full={},
+        half={},
+        made=made,
+        statements=tuple(said),
+    )
 
 
 def test_the_flow_has_a_plot_for_each_figure_of_the_paper_alone() -> None:
