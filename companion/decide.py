@@ -28,7 +28,6 @@ from companion.control.position_hold import (
 )
 from companion.control.position_target import Target
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
-from companion.control.refusals import refusals, upstream_silent
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
 from companion.estimation.height_drift import HeightDrift
@@ -39,6 +38,7 @@ from companion.mavlink.firmware import (
 )
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import Command
+from companion.refusals import refusals, upstream_silent
 from companion.settle import retuned
 from companion.state.decision import Decision
 from companion.state.held import Held

@@ -28,10 +28,10 @@ from unittest import mock
 import numpy as np
 from tqdm import tqdm
 
-from companion import settle
+from companion import refusals, settle
 from companion.config import PipelineConfig
 from companion.control import plant as hold_plant
-from companion.control import refusals, swing_detector
+from companion.control import swing_detector
 from companion.control.plant import Margin
 from companion.mavlink.samples import (
     Attitude,

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from flying import bench, with_plant
 
-from companion.control import plant, refusals, swing_detector
+from companion import refusals
+from companion.control import plant, swing_detector
 from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
 from companion.control.plant import (
     FULL,

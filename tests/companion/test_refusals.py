@@ -13,9 +13,9 @@ from flying import bench
 from companion.config import PipelineConfig
 from companion.control.lateness import lateness
 from companion.control.reasons import Reason
-from companion.control.refusals import refusals
 from companion.control.swing_detector import SWING_LEVELS
 from companion.estimation.surfaces import Seen, Surface
+from companion.refusals import refusals
 from companion.state.pipeline_state import PipelineState
 
 Change = Callable[[PipelineState], PipelineState]
