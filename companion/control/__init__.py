@@ -1,1 +1,1 @@
-"""From what is known to a setpoint: hold, disturbance, offsets, refusals."""
+"""From what is known to a setpoint: hold, disturbance, offsets."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import models
@@ -21,6 +21,7 @@ from models.surrogate.store import load, save_model
 places = st.floats(0.05, 30.0) | st.just(math.inf)
 
 
+@settings(deadline=None)
 @given(places, places)
 def test_cells_of_a_place_are_the_weights_of_an_array(height: float, gap: float) -> None:
     one, many = np.zeros(MEASURED.size), MEASURED.weights(np.array([height]), np.array([gap]))[0]
