@@ -176,6 +176,8 @@ def _take_position(
     if hold is not None and reset is not None and reset.t_s == sample.t_s:
         # The autopilot set its position anew: the hold point moves with it, the vehicle itself did not move.
         hold = shifted(hold, reset.by_ned)
+        if held.wall is not None:
+            held = with_changes(held, wall=held.wall.shifted(reset.by_ned))
     if drift is not held.drift or hold is not held.hold:
         held = with_changes(held, drift=drift, hold=hold)
     return with_changes(

@@ -118,6 +118,6 @@ class Notice(Enum):
     POSITION_DRIFTS = (
         "position drifts against the wall range: watch the wall, be ready to take over"
     )
-    WALL_LEAST = "this attitude loop can hold … m from a wall, not …"
+    WALL_LEAST = "this attitude loop can hold {held:.2f} m from a wall, not {asked:.2f}"
     SOFTENED = "swinging: gains softened, offsets off for now"
     SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"

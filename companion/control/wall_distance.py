@@ -29,6 +29,11 @@ class WallPlane(NamedTuple):
     reach_m: float
     seen_s: float
 
+    def shifted(self, by_ned: Vector3) -> WallPlane:
+        """The same wall after the origin of positions moved."""
+        north, east, _ = by_ned
+        return self._replace(reach_m=self.reach_m + self.north * north + self.east * east)
+
     def lip_m(self, place: Vector3) -> float:
         """Distance of the nearest lip of a vehicle at ``place``."""
         return self.reach_m - self.north * place[0] - self.east * place[1]

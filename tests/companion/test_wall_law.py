@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from audited import config
+from flying import bench, with_plant
 
 import models
 from companion.config import PipelineConfig
-from companion.control.plant import AttitudeLoop, HoldTuning, Timing, tune
+from companion.control.plant import AttitudeLoop, HoldTuning, Source, Timing, tune
 from companion.control.position_hold import Hold
 from companion.control.position_target import Target, start_reference, stay
 from companion.control.wall_distance import WallPlane, kept_off, sent_to_m
 from companion.control.wall_stability import DECAY_1_S, beside_wall, roots_right_of
 from companion.disturbance.wall_law import WallLaw, hovering, wall_law
+from companion.telemetry.status import StatusReporter
 from companion.vehicles import QUAD
 from models.common.frames import GRAVITY
 from models.effects.effect import AdoptedEffect
@@ -145,6 +148,12 @@ def test_targets_end_at_the_least_distance_and_move_along_the_wall_as_asked():
     assert kept_off(far, wall, 0.3) is far
 
 
+def test_the_wall_stays_where_it_is_when_the_origin_moves():
+    wall = WallPlane(0.6, 0.8, 1.0, 0.0)
+    moved = wall.shifted((1.0, -2.0, 3.0))
+    assert moved.lip_m((1.3, -1.9, 2.0)) == pytest.approx(wall.lip_m((0.3, 0.1, -1.0)))
+
+
 def test_a_velocity_into_the_wall_ends_at_the_least_distance_and_a_hold_inside_it_moves_out():
     wall = WallPlane(0.0, 1.0, 0.5, 0.0)
     into = held(Target((math.nan,) * 3, (0.0, 1.0, 0.0), 0.0, 0.0))
@@ -153,6 +162,25 @@ def test_a_velocity_into_the_wall_ends_at_the_least_distance_and_a_hold_inside_i
     assert kept_off(along, wall, 0.3) is along
     inside = held(stay(0.0, 0.0))
     assert kept_off(inside, wall, 0.6).target.position[:2] == pytest.approx((0.0, -0.1))
+
+
+def test_the_pilot_reads_once_what_the_loop_holds_and_what_was_asked():
+    flown = bench(wall=0.20, model=models.load("corner_cfd"))
+    flown.run(3.0)
+    slow = AttitudeLoop(0.18, 0.08, source=Source.MEASURED)
+    flown.state = with_plant(flown.state, loop=slow, tuned_s=-math.inf)
+    reporter = StatusReporter()
+    said = []
+    for _ in range(150):
+        decision = flown.tick()
+        said += [text for _, text in reporter.messages(flown.state, decision) if text]
+    told = [text for text in said if "from a wall, not" in text]
+    assert len(told) == 1
+    found = re.search(r"can hold (\d\.\d\d) m from a wall, not (\d\.\d\d)", told[0])
+    assert found is not None
+    assert float(found[1]) > float(found[2])
+    assert flown.state.plant.tuned.least_wall_m == pytest.approx(float(found[1]), abs=0.01)
+    assert flown.state.held.hold.target.position[1] < -0.02, "off the wall at the right"
 
 
 def test_a_tuning_knows_no_least_distance_away_from_walls():
