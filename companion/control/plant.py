@@ -187,7 +187,7 @@ def hear_attitude(timing: Timing, t_s: float) -> Timing:
     return timing._replace(attitude_period_s=period, attitude_s=t_s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HoldTuning:
     """Gains chosen for a plant, and the margin that they have."""
 
@@ -305,7 +305,14 @@ def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
         lambda s: margin_of(vertical_loop(soften(led, 1.0, s), age_s)), softer
     )
     margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
-    return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop, age_s)
+    return HoldTuning(
+        gains=soften(led, share, climb_share),
+        margin=margin,
+        share=share,
+        climb_share=climb_share,
+        loop=loop,
+        age_s=age_s,
+    )
 
 
 def _hardest(margin_at: Callable[[float], Margin], softer: float) -> tuple[float, Margin]:

@@ -12,7 +12,7 @@ from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Held:
     """The hold and its surroundings; all but ``left`` belong to a hold that flies."""
 
