@@ -30,6 +30,7 @@ from companion.control.position_target import Target
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
 from companion.control.wall_distance import kept_off, see_wall, sent_to_m
 from companion.control.wall_guard import watch_wall
+from companion.disturbance.records import Disturbance
 from companion.disturbance.wall_law import NEAR_RADII
 from companion.estimation import estimator as est
 from companion.estimation.height_drift import HeightDrift
@@ -38,7 +39,7 @@ from companion.mavlink.firmware import (
     ThrustMap,
     mode_name,
 )
-from companion.mavlink.samples import Sample
+from companion.mavlink.samples import LocalPosition, Sample
 from companion.mavlink.setpoints import Command
 from companion.refusals import refusals, upstream_silent
 from companion.settle import retuned
@@ -48,7 +49,7 @@ from companion.state.pipeline_state import PipelineState
 from companion.surroundings import DISTURBANCE_PERIOD_S, renew_disturbance
 from models.common.frames import GRAVITY, Rows
 from models.common.frozen_copy import with_changes
-from models.vehicle import Vector3, Vehicle
+from models.vehicle import Vector3
 
 _SHORTEST_PERIOD_S = 1.0 / 110.0
 """Of decisions: a little above the 100 Hz that a companion link carries."""
@@ -86,10 +87,8 @@ def decide(
     reasons = refusals(state, config, t_s)
     held_back = {reason for reason in reasons if reason in HOLDS_BACK_EVERYTHING}
 
-    before = state.sending.offsets.applied
     held, base = _base(state, bool(held_back), thrust, config, t_s)
-    if held.asked_m != state.held.asked_m and not _said_lately(state.notice, t_s):
-        state = with_changes(state, notice=(Notice.WALL_LEAST, t_s))
+    state = _told(state, held, t_s)
     offsets = _offsets(
         state=state,
         base=base,
@@ -100,13 +99,15 @@ def decide(
         dt_s=dt,
     )
     if reasons and not held_back:
+        before = state.sending.offsets.applied
         held = _keep_balance(held, state.estimates.rows, before, offsets.applied, thrust, config)
     command: Command | None = None
     hand_over = None
     if held_back:
         held, hand_over = _ended(state, held, held_back, t_s)
         command = command_held_back(state, hand_over, held_back, thrust, config, t_s)
-        hand_over = None if command is None else hand_over
+        if command is None:
+            hand_over = None
     elif base is not None:
         command = command_of(
             state=state,
@@ -183,22 +184,17 @@ def _offsets(
         applied = Offset()
     else:
         applied = slewed(old.applied, faded, config, dt_s)
-    return Offsets(
-        authority=authority,
-        offset=offset,
-        wanted=wanted,
-        applied=applied,
-        washout=washout,
-    )
+    return Offsets(authority, offset, wanted, applied, washout)
 
 
-def _said_lately(notice: tuple[Notice, float] | None, t_s: float) -> bool:
-    """Whether the least distance to a wall was the last notice."""
-    return (
-        notice is not None
-        and notice[0] is Notice.WALL_LEAST
-        and 0.0 <= t_s - notice[1] < _SAID_AGAIN_S
-    )
+def _told(state: PipelineState, held: Held, t_s: float) -> PipelineState:
+    """The state with a notice, where a target led nearer to the wall than the loop holds: not said again at once."""
+    notice = state.notice
+    if held.asked_m == state.held.asked_m:
+        return state
+    if notice is not None and notice[0] is Notice.WALL_LEAST and t_s - notice[1] < _SAID_AGAIN_S:
+        return state
+    return with_changes(state, notice=(Notice.WALL_LEAST, t_s))
 
 
 def _watched(
@@ -232,33 +228,6 @@ def _watched(
         heard = with_changes(heard, engagement=seen, late_since_s=late_since_s)
     air = with_changes(state.air, airborne=airborne)
     return with_changes(state, heard=heard, air=air, notice=notice)
-
-
-def _engaged(
-    state: PipelineState,
-    motion: Motion,
-    thrust: ThrustMap,
-    lag_s: float,
-    vehicle: Vehicle,
-    t_s: float,
-) -> Hold:
-    """A hold that begins with the thrust, the tilt and the drag that the vehicle flies with now."""
-    learned = state.learned
-    if t_s - learned.hover.now_s < hover_thrust.HEARD_AGE_S:
-        thrust_now = learned.hover.now
-    else:
-        thrust_now = thrust.hover
-    balance = engagement.watch_balance(learned.balance, t_s, motion.velocity, motion.body_down)
-    drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
-    return engage(
-        t_s=t_s,
-        motion=motion,
-        balance=balance.acceleration,
-        thrust_now=thrust_now,
-        thrust=thrust,
-        lag_s=lag_s,
-        drag_1_s=drag,
-    )
 
 
 def _base(
@@ -300,22 +269,59 @@ def _base(
     )
     assert state.plant.tuned is not None
     tuned = state.plant.tuned
-    gains = tuned.gains
     hold = held.hold
     if hold is None:
-        hold = _engaged(state, motion, thrust, gains.lag_s, config.vehicle, t_s)
-        hold = _returned(hold, held.left, motion.position, t_s)
+        hold = _engaged(state, motion, thrust, config, t_s)
+    held = _off_the_wall(with_changes(held, hold=hold), seen, position, tuned.least_wall_m, t_s)
+    assert held.hold is not None
+    hold, base = fly(held.hold, tuned.gains, config.vehicle.limits, t_s, motion, thrust)
+    return with_changes(held, hold=hold, wall_ahead=wall_ahead, left=None), base
+
+
+def _engaged(
+    state: PipelineState, motion: Motion, thrust: ThrustMap, config: PipelineConfig, t_s: float
+) -> Hold:
+    """A hold that begins here, or goes back to the place that it had to leave."""
+    assert state.plant.tuned is not None
+    hover = state.learned.hover
+    vehicle = config.vehicle
+    if t_s - hover.now_s < hover_thrust.HEARD_AGE_S:
+        thrust_now = hover.now
+    else:
+        thrust_now = thrust.hover
+    balance = engagement.watch_balance(
+        state.learned.balance, t_s, motion.velocity, motion.body_down
+    )
+    drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
+    hold = engage(
+        t_s=t_s,
+        motion=motion,
+        balance=balance.acceleration,
+        thrust_now=thrust_now,
+        thrust=thrust,
+        lag_s=state.plant.tuned.gains.lag_s,
+        drag_1_s=drag,
+    )
+    return _returned(hold, state.held.left, motion.position, t_s)
+
+
+def _off_the_wall(
+    held: Held,
+    seen: Disturbance | None,
+    position: LocalPosition,
+    least_m: float,
+    t_s: float,
+) -> Held:
+    """The hold with a target that ends no nearer to the wall than its gains hold the pull."""
     wall = see_wall(held.wall, seen, position, t_s)
+    hold = held.hold
     asked_m = held.asked_m
-    if wall is not None and tuned.least_wall_m > 0.0:
-        kept = kept_off(hold, wall, tuned.least_wall_m)
+    if hold is not None and wall is not None and least_m > 0.0:
+        kept = kept_off(hold, wall, least_m)
         if kept is not hold:
             asked_m = sent_to_m(hold, wall)
         hold = kept
-    hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return with_changes(
-        held, hold=hold, wall_ahead=wall_ahead, left=None, wall=wall, asked_m=asked_m
-    ), base
+    return with_changes(held, hold=hold, wall=wall, asked_m=asked_m)
 
 
 def _ended(
