@@ -1,7 +1,7 @@
 """One wrong sensor beside a wall: no contact, whatever the autopilot's position says.
 
-The table holds the cases, on a vehicle that hovers with its lip 0.30 m from a wall in the east. The position is visual
-odometry, fused with the accelerometers.
+The table holds the cases, on a vehicle that hovers with its lip 0.30 m from a wall in the east.
+The position is visual odometry, fused with the accelerometers.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def closing(m_s: float) -> Act:
 
 @dataclass(frozen=True)
 class Wrong:
-    """What is wrong, and how far it may drive the vehicle off; None: along the wall nothing measures it."""
+    """What is wrong, and how far it may drive the vehicle off; None: nothing measures it."""
 
     begin: Act = nothing
     each: Act | None = None
