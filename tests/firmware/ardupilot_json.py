@@ -97,7 +97,11 @@ class JsonPhysics:
         self._rate_hz = rate_hz
         law = law_of(self._scenario.name, self._seed)
         self.body = self._body_type(
-            self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz
+            vehicle=self._vehicle,
+            surroundings=self._scenario.surroundings,
+            law=law,
+            seed=self._seed,
+            dt=1.0 / rate_hz,
         )
         sensors = self._vehicle.rangefinders[:SENSORS_MAX]
         self.ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]

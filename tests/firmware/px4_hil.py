@@ -60,7 +60,12 @@ class Px4Physics:
     ) -> None:
         dt = STEP_S / SUBSTEPS
         self.body = body(
-            vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=_MOTOR
+            vehicle=vehicle,
+            surroundings=scenario.surroundings,
+            law=law_of(scenario.name, seed),
+            seed=seed,
+            dt=dt,
+            motor=_MOTOR,
         )
         self._vehicle = vehicle
         self.ranges = [
