@@ -777,7 +777,9 @@ def test_every_linear_algebra_kernel_gives_the_same_answer(kernel: str) -> None:
         "    print(f.effect.name, f.aliases, [(e.name, float(f'{e.value:.5g}')) for e in f.estimates])\n"
     )
 
-    paths = os.pathsep.join([str(BENCHMARKS), str(Path(__file__).parent)])
+    tests = Path(__file__).parents[1]
+    folders = (BENCHMARKS, tests / "simulators", tests / "replay")
+    paths = os.pathsep.join(map(str, folders))
 
     def run(**environment: str) -> str:
         return subprocess.run(
