@@ -128,7 +128,6 @@ def test_a_flight_that_cannot_be_simulated_leaves_nothing(idle, desk, tmp_path, 
     assert list(desk.folder.iterdir()) == []
 
 
-@pytest.mark.xfail(reason="the coaxial vehicle of the simulated flight is refused a draft")
 @pytest.mark.slow
 def test_an_empty_desk_has_a_flight_to_try(working):
     shown = working.post("/trial")
