@@ -15,6 +15,7 @@ from companion.mavlink.wire_frames import cut
 from companion.sim import compare
 from companion.sim.air import LawError
 from companion.sim.body import DT
+from companion.sim.compare import CompareSettings, fly
 from companion.sim.compare_plot import write_plot
 from companion.sim.compare_report import LegComparison, air_part, as_json, as_text
 from companion.sim.flight import SimulatedFlight
@@ -24,6 +25,7 @@ from companion.vehicles import default_vehicle
 from models.common.errors import ConfigError, LinkError
 from replay.logs.tlog import read_tlog
 
+ROOT = Path(__file__).resolve().parents[2]
 TIME = np.arange(0.0, 50.0, STEP_S)
 TRAJECTORY = np.sin(0.3 * TIME)
 AIR = np.cos(0.7 * TIME)
@@ -319,3 +321,15 @@ def test_the_leg_without_offsets_is_recorded_and_the_picture_drawn(
     assert [p.name for p in tmp_path.glob("*.tlog")] == ["off.tlog"]
     sent = [cut(raw, 0).id for _, raw in read_tlog(log).frames()]
     assert sent.count(mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET) > 200
+
+
+@pytest.mark.slow
+def test_the_readme_says_what_the_demonstration_flies():
+    """None of its flights may lose control: the sentence is in millimetres, a vehicle that tumbles in metres."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (sentence,) = [line for line in readme.splitlines() if line.startswith("Autopilot alone, our")]
+    legs = [fly(CompareSettings(), leg, seed=0) for leg in (Leg.AUTOPILOT, Leg.OFF, Leg.ON)]
+    lateral_mm = ", ".join(f"{one.rms('lateral'):.0f}" for one in legs)
+    touched = ", ".join(f"{one.touched_s:.1f} s" if one.touched_s else "never" for one in legs)
+    assert f"lateral error {lateral_mm} mm; wall touched {touched} (seed 0)" in sentence
+    assert max(one.peak("tilt") for one in legs) < 15.0
