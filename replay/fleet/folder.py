@@ -113,7 +113,7 @@ def answer_folder(
         notes += assigned.notes
         jobs = _jobs(a, found.logs, options, assigned.files)
         try:
-            for job, answer in _answers(a, out, jobs, store, assigned.facts):
+            for job, answer in _answers(a, out, jobs, store, assigned.drafts):
                 by_job[job] = answer
         except BaseException:
             # An interrupted run shows what it has; one that never began changes no table.
@@ -207,7 +207,9 @@ def _answers(
         for job, found in _counted(a, working, len(jobs), len(told)):
             answer = dict(found)
             if job.sha256 in drafts and "error" not in answer:
-                answer["vehicle"] = drafts[job.sha256]
+                draft = drafts[job.sha256]
+                answer["vehicle"] = draft["vehicle"]
+                answer["notes"] = [*draft["notes"], *answer["notes"]]
             keep(out, job, answer)
             _into(store, job, answer)
             yield job, {**answer, "page": job.link}

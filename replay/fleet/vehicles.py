@@ -38,8 +38,8 @@ class Assigned:
 
     files: Mapping[str, Path] = field(default_factory=dict)
     """By sha256; a log without one is drafted by itself."""
-    facts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Of those that were drafted, where each number comes from, by sha256."""
+    drafts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Of those that were drafted, by sha256: ``vehicle`` and ``notes`` as an answer has them."""
     notes: tuple[str, ...] = ()
 
 
@@ -71,12 +71,12 @@ def assign(
         drafts[name] = [logs[sha256] for sha256 in group]
     made, failed = _drafted(drafts, given, target_system, out / FOLDER, store, workers)
     said = {row["name"]: json.loads(row["facts"]) for row in store.rows("SELECT * FROM drafts")}
-    facts = {}
+    told = {}
     for name, file in made.items():
         for sha256 in groups[name]:
             files[sha256] = file
-            facts[sha256] = said[name]
-    return Assigned(files, facts, (*notes, *failed))
+            told[sha256] = said[name]
+    return Assigned(files, told, (*notes, *failed))
 
 
 def named(folder: Path) -> dict[str, Path]:
@@ -150,7 +150,7 @@ def _drafted(
     workers: int,
 ) -> tuple[dict[str, Path], list[str]]:
     """Vehicle files by name, and a line for every vehicle that cannot be drafted."""
-    said = repr((given.mass_kg, given.propeller_m, given.span_m))
+    said = repr(given)
     before = {row["name"]: row for row in store.rows("SELECT * FROM drafts")}
     out = {name: folder / f"{name}.toml" for name in groups}
     wanted = {}
@@ -193,7 +193,8 @@ def _draft(logs: Sequence[Path], given: Given, target_system: int | None, file: 
         write_text("--out", file, made.as_toml())
     except (UserError, MemoryError) as error:
         return _Drafted(problem=str(error) or "too little memory")
-    return _Drafted(facts=json.dumps(made.as_json()))
+    told = {"vehicle": made.as_json(), "notes": list(made.notes)}
+    return _Drafted(facts=json.dumps(told))
 
 
 def _pool(workers: int, tasks: int) -> ProcessPoolExecutor:

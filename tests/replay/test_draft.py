@@ -348,7 +348,6 @@ def test_a_log_from_the_bench_lends_its_parameters(log, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="a shared draft does not repeat the note of its assumed mass")
 def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
     framed(tmp_path / "other.tlog", 12)
     assert (
