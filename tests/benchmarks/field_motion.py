@@ -61,6 +61,20 @@ def _frames(motion: Motion) -> Iterator[tuple[float, bytes]]:
             yield float(time_s), message.pack(link)
 
 
+def fans(
+    places: Sequence[tuple[float, float, str]], arm_m: float, radius_m: float
+) -> list[dict[str, Any]]:
+    """One rotor a fan: ``places`` ahead and to the right over the arm with its spin, in order of the outputs."""
+    return [
+        {
+            "position_m": [x * arm_m, y * arm_m, 0.0],
+            "lip_radius_m": radius_m,
+            "rotors": [{"servo": output, "spin": spin}],
+        }
+        for output, (x, y, spin) in enumerate(places, 1)
+    ]
+
+
 def throttle(max_thrust_n: float, expo: float, voltage_v: float) -> dict[str, float]:
     """The keys of ``[throttle]`` for outputs from 1000 to 2000."""
     span = {"pwm_min_us": 1000.0, "pwm_max_us": 2000.0}

@@ -19,7 +19,7 @@ import sys
 from typing import Any
 
 import numpy as np
-from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
+from field_motion import LIMITS, Array, Motion, fans, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
 from snapshot import clone_and_out, git
 
@@ -87,21 +87,13 @@ def _average(x: Array) -> Array:
 
 
 def _vehicle() -> dict[str, Any]:
-    fans = [
-        {
-            "position_m": [x * ARM_M, y * ARM_M, 0.0],
-            "lip_radius_m": RADIUS_M,
-            "rotors": [{"servo": k, "spin": spin}],
-        }
-        for k, (x, y, spin) in enumerate(PLACES, 1)
-    ]
     return {
         "name": "hexacopter",
         "mass_kg": MASS_KG,
         "inertia_kgm2": INERTIA,
         "hover_thrust": 0.33,
         "rotor_radius_m": RADIUS_M,
-        "fan": fans,
+        "fan": fans(PLACES, ARM_M, RADIUS_M),
         "throttle": throttle(MAX_THRUST_N, expo=0.0, voltage_v=14.8),
         "limits": LIMITS,
     }

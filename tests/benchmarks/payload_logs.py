@@ -20,7 +20,7 @@ import sys
 from typing import Any
 
 import numpy as np
-from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
+from field_motion import LIMITS, Array, Motion, fans, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
 from snapshot import clone_and_out, git
 
@@ -116,21 +116,13 @@ def _derivative(x: Array, time_s: Array) -> Array:
 
 
 def _vehicle(name: str, mass_kg: float, level: float) -> dict[str, Any]:
-    fans = [
-        {
-            "position_m": [x * ARM_M, y * ARM_M, 0.0],
-            "lip_radius_m": RADIUS_M,
-            "rotors": [{"servo": k, "spin": spin}],
-        }
-        for k, (x, y, spin) in enumerate(PLACES, 1)
-    ]
     return {
         "name": name,
         "mass_kg": mass_kg,
         "inertia_kgm2": INERTIA,
         "hover_thrust": 0.35,
         "rotor_radius_m": RADIUS_M,
-        "fan": fans,
+        "fan": fans(PLACES, ARM_M, RADIUS_M),
         "throttle": throttle(FULL_N * level, expo=0.0, voltage_v=3.7),
         "limits": LIMITS,
     }

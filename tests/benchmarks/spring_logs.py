@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
+from field_motion import LIMITS, Array, Motion, fans, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
 from snapshot import clone_and_out, git
 
@@ -139,21 +139,13 @@ def _smooth(x: Array) -> Array:
 
 
 def _vehicle() -> dict[str, Any]:
-    fans = [
-        {
-            "position_m": [x * ARM_M, y * ARM_M, 0.0],
-            "lip_radius_m": RADIUS_M,
-            "rotors": [{"servo": k, "spin": spin}],
-        }
-        for k, (x, y, spin) in enumerate(PLACES, 1)
-    ]
     return {
         "name": "spring",
         "mass_kg": MASS_KG,
         "inertia_kgm2": INERTIA,
         "hover_thrust": round(HOVER_PWM / FULL_PWM, 3),
         "rotor_radius_m": RADIUS_M,
-        "fan": fans,
+        "fan": fans(PLACES, ARM_M, RADIUS_M),
         "throttle": throttle(
             round(MASS_KG * GRAVITY / 4.0 * FULL_PWM / HOVER_PWM, 4), expo=0.0, voltage_v=3.7
         ),
