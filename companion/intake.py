@@ -22,6 +22,8 @@ from companion.control.wall_guard import level_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.estimates import blank_estimates
+from companion.estimation.felt import feel
+from companion.estimation.wall_drift import corrected
 from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
 from companion.mavlink.firmware import (
     Stack,
@@ -124,10 +126,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             hover = _learned_hover(state, sample)
             learned = with_changes(state.learned, hover=hover)
             return with_changes(state, t_s=now, stamped_s=stamped_s, learned=learned)
-        case samples.Imu() if state.learned.adaptation is not None:
-            adaptation = gather.hear(state.learned.adaptation, _situation(state), sample, config)
-            learned = with_changes(state.learned, adaptation=adaptation)
-            return with_changes(state, learned=learned)
+        case samples.Imu():
+            return _take_imu(state, sample, config)
         case samples.LandedState():
             airborne = state.air.airborne._replace(landed_state=sample.landed_state)
             air = with_changes(state.air, airborne=airborne)
@@ -161,15 +161,26 @@ def _situation(state: PipelineState) -> Situation:
     )
 
 
+def _take_imu(state: PipelineState, sample: samples.Imu, config: PipelineConfig) -> PipelineState:
+    felt = feel(state.felt, state.estimates.rows, sample)
+    if state.learned.adaptation is None:
+        return with_changes(state, felt=felt)
+    adaptation = gather.hear(state.learned.adaptation, _situation(state), sample, config)
+    learned = with_changes(state.learned, adaptation=adaptation)
+    return with_changes(state, felt=felt, learned=learned)
+
+
 def _take_position(
     state: PipelineState, sample: samples.LocalPosition, now_s: float
 ) -> PipelineState:
     held = state.held
     hold = held.hold
     drift = height_drift.NO_DRIFT
+    wall_drift = held.wall_drift
     timing = hear_position(state.plant.timing, sample.t_s, sample.late_s)
     if hold is not None:
         drift, sample = height_drift.hear(held.drift, sample)
+        wall_drift, sample = corrected(wall_drift, sample, state.felt)
     estimates = est.take_position(state.estimates, sample)
     stamped_s = max(state.stamped_s, sample.t_s)
     reset = estimates.reset
@@ -178,8 +189,9 @@ def _take_position(
         hold = shifted(hold, reset.by_ned)
         if held.wall is not None:
             held = with_changes(held, wall=held.wall.shifted(reset.by_ned))
-    if drift is not held.drift or hold is not held.hold:
-        held = with_changes(held, drift=drift, hold=hold)
+    seen_anew = drift is not held.drift or wall_drift is not held.wall_drift
+    if seen_anew or hold is not held.hold:
+        held = with_changes(held, drift=drift, wall_drift=wall_drift, hold=hold)
     return with_changes(
         state,
         t_s=now_s,

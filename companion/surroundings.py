@@ -101,11 +101,17 @@ def compare_ranges(state: PipelineState, config: PipelineConfig) -> PipelineStat
         wall = disturbance.wall
     near_m = NO_MATTER_RADII * config.vehicle.rotor_radius_m
     beside = compare_wall(
-        held.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s
+        held.wall_drift,
+        wall,
+        position,
+        near_m,
+        -math.inf if reset is None else reset.t_s,
+        state.felt,
     )
     notice: tuple[Notice, float] | None
-    if beside.drifts and not held.wall_drift.drifts:
-        notice = (Notice.POSITION_DRIFTS, t_s)
+    known = held.wall_drift
+    if beside.drifts and (not known.drifts or beside.wrong is not known.wrong):
+        notice = (Notice.POSITION_DRIFTS if beside.holds_off else Notice.WALL_RANGE_DRIFTS, t_s)
     else:
         notice = state.notice
     drift = height_drift.compare(held.drift, ground, position)

@@ -1,16 +1,25 @@
-"""Notices that the autopilot's position drifts against the range to a wall: vision that froze or drifts, flow, GPS.
+"""Notices that position and wall range part, and holds the place across the wall by the range.
 
-Range and position along the wall's normal change by opposite amounts while both are right. With dw/dt the change of
-their sum, e' = dw/dt - e / T is watched: T times the speed of a drift. Which of the two is wrong cannot be told.
+While both are right, range d and position p along the wall's normal n change by opposite amounts:
+w = d + p n stays.
+With dw/dt, e' = dw/dt - e / T is watched: T times the speed of a drift.
+
+Which of the two is wrong is told by what the accelerometers have felt: two that agree win. Where
+they cannot tell, the nearer wall counts. The vehicle is held off by the range, and is not led to
+the wall by it.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import statistics
+from enum import Enum
 from typing import NamedTuple
 
+from companion.estimation.felt import UNFELT, Felt, passed
 from companion.estimation.surfaces import Seen, Surface
-from companion.estimation.vectors import minus
+from companion.estimation.vectors import clipped, minus, plus, scaled
 from companion.mavlink.range_beams import dot
 from companion.mavlink.samples import LocalPosition
 from models.vehicle import Vector3
@@ -23,46 +32,239 @@ _SLOPE = 0.35
 _SAME_COS = math.cos(math.radians(15.0))
 """A normal that turned further between two positions is another wall's."""
 _NEXT_S = 0.5
+_LEAP_M = 0.2
+"""No vehicle beside a wall moves so far from one reading to the next: the range itself leapt."""
+_LEAPS_S = 0.5
+_LEAPS_M = 0.06
+"""The same for a position that leaps or is pulled away: forgotten sooner, noticed sooner."""
+_SEEN_1_S = 3.0
+"""Bandwidth [rad/s] with which range and accelerometers make one motion."""
+_BACK_M_S = 0.4
+"""What came apart before it was noticed is taken back at most this fast."""
+_TELLS_M = 0.03
+"""By so much one witness must be nearer to what was felt than the other."""
+_AGREED_S = 2.0
+"""Mean over which a bias of the accelerometer is seen while range and position agree."""
+_FELT_AGE_S = 0.2
+_STILL = (0.0, 0.0)
+
+
+class Wrong(Enum):
+    """Which of the two the accelerometers contradict."""
+
+    POSITION = "position"
+    RANGE = "range"
 
 
 class WallDrift(NamedTuple):
     """What the comparison has come to. ``apart_m`` above zero: the range grows, the position says otherwise."""
 
     t_s: float = -math.inf
-    distance_m: float = math.nan
+    range_m: float = math.nan
+    """The sensor's reading, without single outliers."""
+    readings_m: tuple[float, float] = (math.nan, math.nan)
+    """The last two readings."""
     normal_ned: Vector3 = (0.0, 0.0, 0.0)
     position_ned: Vector3 = (0.0, 0.0, 0.0)
+    """As the autopilot sent it."""
     apart_m: float = 0.0
-    travel_m: float = 0.0
-    """Flown along the wall, forgotten as ``apart_m`` is."""
+    leapt_m: float = 0.0
+    """The same, sooner forgotten."""
+    travel_m: tuple[float, float] = _STILL
+    """Flown along the wall north and east, forgotten as ``apart_m`` is."""
     drifts: bool = False
+    wrong: Wrong | None = None
+    """As long as it drifts; None: it could not be told."""
+    by_range: tuple[float, float] = _STILL
+    by_position: tuple[float, float] = _STILL
+    """Towards the wall, high-passed once and twice: see ``felt``."""
+    seen: tuple[float, float] = _STILL
+    """Minus the range [m], and its rate [m/s], by range and accelerometers."""
+    gained_m_s: float = math.nan
+    """The velocity towards the wall gained so far: as felt, else as the position has it."""
+    felt_off_m: float = math.nan
+    """What was felt beyond both while they agreed: a bias of the accelerometer."""
+    owed_m: float = 0.0
+    """What had come apart before, and is still to be taken back."""
+    anchor_m: float = math.nan
+    """While the range counts: the place across the wall is this plus ``seen``."""
+    correction_ned: Vector3 = (0.0, 0.0, 0.0)
+    """Added to positions."""
+
+    @property
+    def holds_off(self) -> bool:
+        """Whether the place across the wall is held by the range."""
+        return self.drifts and self.wrong is not Wrong.RANGE
 
 
 NO_WALL_DRIFT = WallDrift()
 
 
+def corrected(
+    drift: WallDrift, sample: LocalPosition, felt: Felt = UNFELT
+) -> tuple[WallDrift, LocalPosition]:
+    """A position of the autopilot, and the same as it is flown by."""
+    velocity = sample.velocity_ned
+    dt = sample.t_s - drift.t_s
+    if not math.isnan(drift.anchor_m) and 0.0 <= dt <= _NEXT_S:
+        normal = drift.normal_ned
+        seen_m, rate = drift.seen
+        if abs(sample.t_s - felt.t_s) <= _FELT_AGE_S:
+            rate += felt.gained[0] * normal[0] + felt.gained[1] * normal[1] - drift.gained_m_s
+        old = dot(drift.correction_ned, normal)
+        wanted = drift.anchor_m + seen_m + rate * dt - dot(sample.position_ned, normal)
+        if drift.wrong is None:
+            # The range would have the vehicle fly to the wall, and is alone with that.
+            wanted = max(wanted, min(old, 0.0))
+        by = plus(drift.correction_ned, scaled(normal, wanted - old))
+        drift = drift._replace(correction_ned=by)
+        velocity = plus(velocity, scaled(normal, rate - dot(velocity, normal)))
+    if drift.correction_ned == NO_WALL_DRIFT.correction_ned:
+        return drift, sample
+    place = plus(sample.position_ned, drift.correction_ned)
+    return drift, dataclasses.replace(sample, position_ned=place, velocity_ned=velocity)
+
+
 def compare_wall(
-    before: WallDrift, wall: Surface, position: LocalPosition, near_m: float, reset_s: float
+    before: WallDrift,
+    wall: Surface,
+    position: LocalPosition,
+    near_m: float,
+    reset_s: float,
+    felt: Felt = UNFELT,
 ) -> WallDrift:
-    """One position and the wall at the same instant; ``reset_s``: when the estimator last set its position anew."""
+    """One position and the wall at the same instant; ``position`` is the one that is flown by.
+
+    ``reset_s``: when the estimator last set its position anew.
+    """
+    dt = position.t_s - before.t_s
+    if wall.seen is not Seen.SURFACE and 0.0 < dt <= _NEXT_S:
+        return before
     if wall.seen is not Seen.SURFACE or wall.normal_ned is None or wall.distance_m > near_m:
-        return NO_WALL_DRIFT
-    now = WallDrift(position.t_s, wall.distance_m, wall.normal_ned, position.position_ned)
-    dt = now.t_s - before.t_s
-    same = dot(wall.normal_ned, before.normal_ned) > _SAME_COS
-    if not 0.0 < dt <= _NEXT_S or not same or wall.stepped_s > before.t_s:
+        return NO_WALL_DRIFT._replace(correction_ned=before.correction_ned)
+    now = _sighted(before.correction_ned, wall, wall.normal_ned, position, felt)
+    same = 0.0 < dt <= _NEXT_S and dot(now.normal_ned, before.normal_ned) > _SAME_COS
+    if not same or math.isnan(before.range_m):
         return now
+    now = _parted(before, now, dt, leapt=before.t_s < reset_s <= now.t_s)
+    if not now.drifts:
+        off = _felt_m(now, felt) - 0.5 * (now.by_range[1] + now.by_position[1])
+        if not math.isnan(before.felt_off_m):
+            off = before.felt_off_m + (off - before.felt_off_m) * min(dt / _AGREED_S, 1.0)
+        return now._replace(felt_off_m=off)
+    return _anchored(before, now, dot(position.position_ned, now.normal_ned), felt, dt)
+
+
+def _sighted(
+    correction: Vector3, wall: Surface, normal: Vector3, position: LocalPosition, felt: Felt
+) -> WallDrift:
+    """A wall seen for the first time."""
+    # The track of the range is led by the velocity, which may be wrong: the reading itself counts.
+    if math.isfinite(wall.slant_m):
+        range_m = wall.slant_m
+    else:
+        range_m = math.nan
+    velocity = dot(position.velocity_ned, normal)
+    if abs(position.t_s - felt.t_s) <= _FELT_AGE_S:
+        gained = felt.gained[0] * normal[0] + felt.gained[1] * normal[1]
+    else:
+        gained = velocity
+    return WallDrift(
+        t_s=position.t_s,
+        range_m=range_m,
+        readings_m=(range_m, range_m),
+        normal_ned=normal,
+        position_ned=minus(position.position_ned, correction),
+        seen=(-range_m, velocity),
+        gained_m_s=gained,
+        correction_ned=correction,
+    )
+
+
+def _parted(before: WallDrift, now: WallDrift, dt: float, *, leapt: bool) -> WallDrift:
+    """How far both have come apart; ``leapt``: the position was set anew, and that is known."""
+    normal = now.normal_ned
     moved = minus(now.position_ned, before.position_ned)
-    toward = dot(moved, wall.normal_ned)
-    along = math.sqrt(max(moved[0] * moved[0] + moved[1] * moved[1] - toward * toward, 0.0))
-    change = wall.distance_m - before.distance_m + toward
-    if before.t_s < reset_s <= now.t_s:  # a leap of the frame, known as such
-        change = 0.0
-        along = 0.0
+    toward = dot(moved, normal)
+    along = (moved[0] - toward * normal[0], moved[1] - toward * normal[1])
+    seen = before.seen
+    if math.isnan(now.range_m):
+        # Too near, or no echo: the position carries the range on.
+        middle = math.nan
+        closed = toward
+        now = now._replace(range_m=before.range_m - toward, readings_m=before.readings_m)
+    else:
+        middle = statistics.median((*before.readings_m, now.range_m))
+        closed = before.range_m - middle
+        now = now._replace(range_m=middle, readings_m=(before.readings_m[1], now.range_m))
+    if abs(closed) > _LEAP_M:
+        seen = (seen[0] + closed - toward, seen[1])
+        closed = toward
+    if leapt:
+        toward = closed
+        along = _STILL
     kept = max(1.0 - dt / _T_S, 0.0)
-    apart = before.apart_m * kept + change
-    travel = before.travel_m * kept + along
-    most = _LEAST_M + _SLOPE * travel
+    apart = before.apart_m * kept + toward - closed
+    travel = (before.travel_m[0] * kept + along[0], before.travel_m[1] * kept + along[1])
+    sooner = before.leapt_m * max(1.0 - dt / _LEAPS_S, 0.0) + toward - closed
+    slope = _SLOPE * math.hypot(*travel)
+    if before.drifts:
+        drifts = abs(apart) > 0.5 * (_LEAST_M + slope)
+    else:
+        drifts = abs(apart) > _LEAST_M + slope or abs(sooner) > _LEAPS_M + slope
     return now._replace(
-        apart_m=apart, travel_m=travel, drifts=abs(apart) > (0.5 * most if before.drifts else most)
+        apart_m=apart,
+        leapt_m=sooner,
+        travel_m=travel,
+        drifts=drifts,
+        by_range=passed(before.by_range, closed, dt),
+        by_position=passed(before.by_position, toward, dt),
+        seen=_watched(seen, now.gained_m_s - before.gained_m_s, -middle, dt),
+    )
+
+
+def _anchored(
+    before: WallDrift, now: WallDrift, flown_m: float, felt: Felt, dt: float
+) -> WallDrift:
+    """Who is wrong, and the place across the wall by the range; ``flown_m``: the place flown by."""
+    wrong = before.wrong
+    if wrong is not Wrong.POSITION and abs(now.t_s - felt.t_s) <= _FELT_AGE_S:
+        wrong = _told(now, _felt_m(now, felt) - before.felt_off_m) or wrong
+    now = now._replace(felt_off_m=before.felt_off_m)
+    if wrong is Wrong.RANGE:
+        return now._replace(wrong=wrong)
+    if math.isnan(before.anchor_m):
+        return now._replace(wrong=wrong, anchor_m=flown_m - now.seen[0], owed_m=-now.apart_m)
+    step = clipped(before.owed_m, _BACK_M_S * dt)
+    return now._replace(wrong=wrong, anchor_m=before.anchor_m + step, owed_m=before.owed_m - step)
+
+
+def _felt_m(now: WallDrift, felt: Felt) -> float:
+    """The way towards the wall that was felt."""
+    return felt.place[0] * now.normal_ned[0] + felt.place[1] * now.normal_ned[1]
+
+
+def _told(now: WallDrift, felt_m: float) -> Wrong | None:
+    """Which of both is further from what was felt."""
+    range_off = abs(now.by_range[1] - felt_m)
+    position_off = abs(now.by_position[1] - felt_m)
+    if range_off + _TELLS_M < position_off:
+        return Wrong.POSITION
+    if position_off + _TELLS_M < range_off:
+        return Wrong.RANGE
+    return None
+
+
+def _watched(
+    seen: tuple[float, float], gained: float, place: float, dt: float
+) -> tuple[float, float]:
+    """One step on: x' = v + 1.4 w e, v' = a + w^2 e with the error e = ``place`` - x."""
+    x, v = seen
+    if math.isfinite(place):
+        error = place - x
+    else:
+        error = 0.0
+    return (
+        x + (v + 0.5 * gained + 1.4 * _SEEN_1_S * error) * dt,
+        v + gained + _SEEN_1_S**2 * error * dt,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from companion.control.reasons import Notice
 from companion.estimation.estimates import Estimates
+from companion.estimation.felt import UNFELT, Felt
 from companion.state.air import Air
 from companion.state.heard import Heard
 from companion.state.held import Held
@@ -25,6 +26,8 @@ class PipelineState:
     stamped_s: float = -math.inf
     """The newest of the autopilot's own stamps."""
     estimates: Estimates
+    felt: Felt = UNFELT
+    """What the accelerometers say of the motion."""
     heard: Heard = field(default_factory=Heard)
     requests: Requests = field(default_factory=Requests)
     air: Air = field(default_factory=Air)

@@ -19,14 +19,19 @@ from companion.sim.scenario import build
 EAST = (0.0, 1.0, 0.0)
 
 
-def flown(truth, estimate, seconds=10.0, wall=lambda n: 0.8, resets=(), noise=0.0):
+def every(k, reading):
+    return reading
+
+
+def flown(truth, estimate, seconds=10.0, wall=lambda n: 0.8, resets=(), noise=0.0, read=every):
     """Seconds until a drift is noticed, or None: a wall ``wall(north)`` east of the origin, places (north, east)."""
     state, rng, reset_s = NO_WALL_DRIFT, random.Random(1), -math.inf
     for k in range(round(25.0 * seconds)):
         t = k / 25.0
         (north, east), believed = truth(t), estimate(t)
         reset_s = max([r for r in resets if r <= t], default=-math.inf)
-        surface = Surface(Seen.SURFACE, wall(north) - east + rng.gauss(0.0, noise), normal_ned=EAST)
+        reading = wall(north) - east + rng.gauss(0.0, noise)
+        surface = Surface(Seen.SURFACE, reading, normal_ned=EAST, slant_m=read(k, reading))
         sample = LocalPosition(10.0 + t, 1, 1, (*believed, -1.0), (0.0, 0.0, 0.0))
         state = compare_wall(state, surface, sample, 2.0, 10.0 + reset_s)
         if state.drifts:
@@ -45,6 +50,28 @@ def test_a_position_that_stands_still_while_the_wall_comes_nearer_is_noticed(spe
 
 def test_noise_of_range_and_estimate_is_no_drift():
     assert flown(still, lambda t: (0.0, 0.03 * math.sin(t)), seconds=60.0, noise=0.01) is None
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 0.65, 0.95])
+def test_a_single_reading_that_is_none_or_wrong_is_no_drift(wrong):
+    def read(k, reading):
+        if k % 20 == 19:
+            return wrong
+        return reading
+
+    assert flown(still, still, read=read, noise=0.005) is None
+
+
+def test_a_range_too_short_to_be_read_is_carried_on_by_the_position():
+    def read(k, reading):
+        if reading < 0.75:
+            return math.nan
+        return reading
+
+    def place(t):
+        return (0.0, 0.1 * math.sin(t))
+
+    assert flown(place, place, seconds=20.0, read=read) is None
 
 
 def test_a_drift_of_two_per_cent_of_the_path_is_not_said():

@@ -69,6 +69,10 @@ class VisionEstimator(GpsEstimator):
         """Say places in another frame from here on."""
         self._pivot, self.turned_rad = self._true(), by_rad
 
+    def slip(self, by: Vec) -> None:
+        """Say places that are off by ``by`` m more than before, and tell nobody."""
+        self._drift = [d + b for d, b in zip(self._drift, by, strict=True)]
+
     def relocalise(self, jump: Vec = (0.0, 0.0, 0.0)) -> None:
         """Find the place again, ``jump`` m off: the estimate leaps there."""
         self._drift = list(jump)
