@@ -225,7 +225,7 @@ def fly(firmware: str, name: str, seed: int, folder: Path) -> dict[str, Any]:
         parameters,
         seed=seed,
         position_hz=position_hz,
-        rough=True,
+        air="rough",
     ) as rig:
         pilot = Pilot(rig)
         try:

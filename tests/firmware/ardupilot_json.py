@@ -11,15 +11,18 @@ import json
 import socket
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
 from body_truth import BodyTruthFile
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rough_air import RoughBody
+from wrong_sensors import WrongSensors
 
 from companion.sim.body import Body
 from companion.sim.scenario import Scenario
-from companion.sim.sensors import RangeSensor
+from companion.sim.sensors import EscTelemetry, RangeSensor
 from companion.sim.world import law_of
 from models.common.errors import LinkError
 from models.vehicle import Vehicle
@@ -29,6 +32,8 @@ MAGIC_16, MAGIC_32 = 18458, 29569
 _HEADER = struct.Struct("<HHI")
 RATES_HZ = (50, 4000)
 """Frame rates that are taken for real."""
+ESCS = 4
+"""In one ESC_TELEMETRY_1_TO_4."""
 SENSORS_MAX = 6
 """Rangefinders that the interface carries."""
 
@@ -61,10 +66,19 @@ class JsonPhysics:
     """Answers packets; owns the body. No sockets here."""
 
     def __init__(
-        self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body
+        self,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        seed: int,
+        body: type[Body] = Body,
+        *,
+        wrong: WrongSensors | None = None,
+        mass_times: float = 1.0,
     ) -> None:
+        """``mass_times``: of the vehicle file's mass and inertia."""
         self._body_type = body
-        self._vehicle = vehicle
+        self._wrong = wrong or WrongSensors()
+        self._vehicle = heavier(vehicle, mass_times)
         self._scenario = scenario
         self._seed = seed
         self._rate_hz = 0
@@ -87,7 +101,11 @@ class JsonPhysics:
             self._rate_hz = packet.frame_rate_hz
             self.body.change_step(1.0 / packet.frame_rate_hz)
         self._last_count = packet.frame_count
+        self._wrong.look(self.body)
+        if isinstance(self.body, RoughBody):
+            self.body.gust = self._wrong.wrong.gust_m_s
         self.body.step(packet.pwm)
+        self.speeds.step(self.body)
         for sensor in self.ranges:
             sensor.step(self.body)
         self._answer = b"\n" + json.dumps(self._state(), separators=(",", ":")).encode() + b"\n"
@@ -105,26 +123,67 @@ class JsonPhysics:
         )
         sensors = self._vehicle.rangefinders[:SENSORS_MAX]
         self.ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]
+        self.speeds = EscTelemetry(self.body, self._seed)
 
     def _state(self) -> dict[str, object]:
         b = self.body
+        position, velocity = self._wrong.motion(b)
+        ranges = {}
+        for i, one in enumerate(self.ranges, 1):
+            ranges[f"rng_{i}"] = self._wrong.range_m(one.sensor.target, one.reading_m, b)
         return {
             "timestamp": b.time_s,
             "imu": {"gyro": b.rates, "accel_body": b.specific_force},
-            "position": b.position,
+            "position": position,
             "quaternion": b.quaternion,
-            "velocity": b.velocity,
+            "velocity": velocity,
             "velocity_wind": (0.0, 0.0, 0.0),
             "battery": {"voltage": b.pack.voltage_v, "current": b.pack.current_a},
-            **{f"rng_{i}": sensor.reading_m for i, sensor in enumerate(self.ranges, 1)},
+            **ranges,
         }
 
 
+def heavier(vehicle: Vehicle, times: float) -> Vehicle:
+    """The vehicle with ``times`` its mass and inertia, and motors as they are."""
+    ix, iy, iz = vehicle.inertia_kgm2
+    return replace(
+        vehicle,
+        mass_kg=times * vehicle.mass_kg,
+        inertia_kgm2=(times * ix, times * iy, times * iz),
+        hover_thrust=min(0.9, times * vehicle.hover_thrust),
+    )
+
+
+def speed_frame(speeds: EscTelemetry, mav: mavlink.MAVLink) -> bytes:
+    """ESC_TELEMETRY_1_TO_4 as the autopilot would send it; the interface itself carries no rotor speeds."""
+    rpm = [*(round(v) for v in speeds.rpm[:ESCS]), *[0] * ESCS][:ESCS]
+    nothing = [0] * ESCS
+    return bytes(
+        mavlink.MAVLink_esc_telemetry_1_to_4_message(
+            [round(speeds.temperature_c)] * ESCS,
+            nothing,
+            nothing,
+            nothing,
+            rpm,
+            [speeds.count % 65536] * ESCS,
+        ).pack(mav)
+    )
+
+
 def serve(
-    physics: JsonPhysics, port: int, announce: Callable[[int], None], truth: Path | None = None
+    physics: JsonPhysics,
+    port: int,
+    announce: Callable[[int], None],
+    truth: Path | None = None,
+    speeds_port: int | None = None,
 ) -> NoReturn:
-    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` gets the port, ``truth`` is written."""
+    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` gets the port, ``truth`` is written.
+
+    ``speeds_port``: where rotor speeds are sent to, as frames of MAVLink on UDP.
+    """
     record: BodyTruthFile | None = None
+    mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    sent = 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
             sock.bind(("0.0.0.0", port))
@@ -139,6 +198,9 @@ def serve(
             if reply is None:
                 continue
             sock.sendto(reply, peer)
+            if speeds_port is not None and physics.speeds.count != sent:
+                sent = physics.speeds.count
+                sock.sendto(speed_frame(physics.speeds, mav), ("127.0.0.1", speeds_port))
             if truth is not None:
                 record = record or BodyTruthFile(truth, physics.body)
                 record.step(physics.body)

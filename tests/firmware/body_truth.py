@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from companion.sim.body import Body
+from companion.sim.body import Body, turned
 from models.common.errors import ConfigError
 
 COLUMNS = (
@@ -22,13 +22,19 @@ COLUMNS = (
     "clearance_m",
     "contact",
     "wall_contact",
+    "push_n",
+    "push_e",
+    "push_d",
 )
 PERIOD_S = 0.02
 """Of the rows, in simulated time."""
 
 
 class BodyTruthFile:
-    """SI, radians, world NED; ``time_s`` since the start of the physics, ``clearance_m`` of the lowest foot."""
+    """SI, radians, world NED; ``time_s`` since the start of the physics, ``clearance_m`` of the lowest foot.
+
+    ``push``: force of ground, wall and corner on the vehicle [N].
+    """
 
     def __init__(self, path: Path, body: Body) -> None:
         try:
@@ -49,7 +55,12 @@ class BodyTruthFile:
             return
         self._next_s = b.time_s + PERIOD_S
         numbers = (b.time_s, *b.position, *b.velocity, *b.euler(), b.clearance_m)
-        self._rows.writerow([*(f"{v:.5f}" for v in numbers), int(b.contact), int(b.wall_contact)])
+        x, y, z = b.causes.corner[:3]
+        push = turned(b.rotation(), (x, y, z))
+        contacts = (int(b.contact), int(b.wall_contact))
+        self._rows.writerow(
+            [*(f"{v:.5f}" for v in numbers), *contacts, *(f"{v:.4f}" for v in push)]
+        )
         self._file.flush()
 
     def close(self) -> None:

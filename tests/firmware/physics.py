@@ -16,9 +16,9 @@ from pathlib import Path
 import ardupilot_json
 import px4_hil
 from body_truth import BodyTruthFile
-from rough_air import RoughBody
+from rough_air import AIRS
+from wrong_sensors import WrongSensors
 
-from companion.sim.body import Body
 from companion.sim.scenario import NAMES, build
 from companion.sim.sensors import RangeFault, RangeSensor
 from companion.vehicles import TANDEM
@@ -40,9 +40,10 @@ def parser() -> argparse.ArgumentParser:
         default=0,
         help="draws the air, the turbulence and every sensor's errors",
     )
-    p.add_argument(
-        "--rough", action="store_true", help="gusts, and a wall that pulls harder (rough_air.py)"
-    )
+    p.add_argument("--air", choices=list(AIRS), default="calm", help="see rough_air.py")
+    p.add_argument("--wrong", type=Path, help="file that says which sensors are wrong from now on")
+    p.add_argument("--mass-times", type=float, default=1.0, help="of the vehicle file's mass")
+    p.add_argument("--speeds-port", type=int, help="UDP port that is sent rotor speeds (ArduPilot)")
     p.add_argument("--truth", type=Path, help="write what truly happened as CSV")
     firmware = p.add_mutually_exclusive_group(required=True)
     firmware.add_argument(
@@ -69,13 +70,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     a = parser().parse_args(argv)
     try:
         vehicle = load_vehicle(a.vehicle)
-        scenario = build(a.scenario, vehicle)
-        body = RoughBody if a.rough else Body
+        scenario = build(a.scenario, vehicle, air=a.air != "free")
+        body = AIRS[a.air]
         if a.ardupilot_json is not None:
-            physics = ardupilot_json.JsonPhysics(vehicle, scenario, a.seed, body)
+            physics = ardupilot_json.JsonPhysics(
+                vehicle,
+                scenario,
+                a.seed,
+                body,
+                wrong=WrongSensors(a.wrong, a.seed),
+                mass_times=a.mass_times,
+            )
             signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(physics.ranges[0]))
             ardupilot_json.serve(
-                physics, a.ardupilot_json, lambda port: say(ardupilot_json=port), a.truth
+                physics,
+                a.ardupilot_json,
+                lambda port: say(ardupilot_json=port),
+                a.truth,
+                a.speeds_port,
             )
         hil = px4_hil.Px4Physics(vehicle, scenario, a.seed, body)
         signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(hil.ranges[0]))

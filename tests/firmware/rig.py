@@ -15,13 +15,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("MAVLINK20", "1")
 
+import wrong_sensors
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -33,6 +34,8 @@ OFFBOARD, POSITION, TAKEOFF = (6, 0), (3, 0), (4, 2)
 SLOW_MACHINE = 6.0
 """Wall-clock seconds allowed for each second of the autopilot."""
 TAKE_OFF_M = 1.5
+SPEEDS_PORT = 14570
+"""UDP: rotor speeds on their way from the physics to the companion."""
 RELAYED = 30
 """Added to the companion's port where a relay stands between it and the firmware."""
 
@@ -43,7 +46,7 @@ ARDUCOPTER_PARAMETERS = {
     "FS_GCS_ENABLE": 0, "FENCE_ENABLE": 0, "LOG_BACKEND_TYPE": 0, "BATT_MONITOR": 4, "BATT_CAPACITY": 10000,
     "RNGFND1_TYPE": 100, "RNGFND1_ORIENT": 25, "RNGFND1_MIN_CM": 2, "RNGFND1_MAX_CM": 4000, "RNGFND1_POS_Z": 0.05,
     "RNGFND2_TYPE": 100, "RNGFND2_ORIENT": 0, "RNGFND2_MIN_CM": 2, "RNGFND2_MAX_CM": 4000, "RNGFND2_POS_X": 0.12,
-    "SIM_ESC_TELEM": 1, "SERIAL0_PROTOCOL": 2, "SERIAL1_PROTOCOL": 2, "MOT_THST_HOVER": 0.42,
+    "SIM_ESC_TELEM": 0, "SERIAL0_PROTOCOL": 2, "SERIAL1_PROTOCOL": 2, "MOT_THST_HOVER": 0.42,
     "RC1_MIN": 1000, "RC1_MAX": 2000, "RC1_TRIM": 1500, "RC2_MIN": 1000, "RC2_MAX": 2000, "RC2_TRIM": 1500,
     "RC3_MIN": 1000, "RC3_MAX": 2000, "RC3_TRIM": 1500, "RC4_MIN": 1000, "RC4_MAX": 2000, "RC4_TRIM": 1500,
 }  # fmt: skip
@@ -67,19 +70,37 @@ class Moment:
     contact: bool
 
 
-class ThinnedPositions:
-    """Stands between firmware and companion (UDP, 127.0.0.1) and lets only some of LOCAL_POSITION_NED through."""
+class Relay:
+    """Between firmware and companion (UDP, 127.0.0.1): adds rotor speeds, lets some positions through.
 
-    def __init__(self, firmware_port: int, companion_port: int, position_hz: float) -> None:
+    Speeds come from the physics: the firmware has none. Positions are LOCAL_POSITION_NED.
+    """
+
+    def __init__(
+        self,
+        firmware_port: int,
+        companion_port: int,
+        position_hz: float = 0.0,
+        speeds_port: int | None = None,
+    ) -> None:
+        """``position_hz`` 0: all positions."""
         self._firmware = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._firmware.bind(("127.0.0.1", firmware_port))
         self._companion = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._to_companion = ("127.0.0.1", companion_port)
-        self._period_ms = 1000.0 / position_hz
+        self._heard = [self._firmware, self._companion]
+        self._speeds: socket.socket | None = None
+        if speeds_port is not None:
+            self._speeds = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            self._speeds.bind(("127.0.0.1", speeds_port))
+            self._heard.append(self._speeds)
+        self._period_ms = 1000.0 / position_hz if position_hz else 0.0
         self._next_ms = 0.0
 
     def thinned(self, data: bytes) -> bytes:
         """The frames of one datagram (MAVLink 2) without the positions that come too soon."""
+        if not self._period_ms:
+            return data
         out, at = b"", 0
         while at + 12 <= len(data) and data[at] == 0xFD:
             end = at + 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
@@ -99,7 +120,7 @@ class ThinnedPositions:
         """Until ``alive`` says no."""
         peer = None
         while alive():
-            for sock in select.select([self._firmware, self._companion], [], [], 0.5)[0]:
+            for sock in select.select(self._heard, [], [], 0.5)[0]:
                 try:
                     data, sender = sock.recvfrom(65536)
                 except OSError:  # nobody listens yet
@@ -107,6 +128,9 @@ class ThinnedPositions:
                 if sock is self._firmware:
                     peer, data = sender, self.thinned(data)
                     if data:
+                        self._companion.sendto(data, self._to_companion)
+                elif sock is self._speeds:
+                    if peer is not None:
                         self._companion.sendto(data, self._to_companion)
                 elif peer is not None:
                     self._firmware.sendto(data, peer)
@@ -124,14 +148,20 @@ class Rig:
         *,
         seed: int = 0,
         position_hz: float = 0.0,
-        rough: bool = False,
+        air: str = "calm",
+        mass_times: float = 1.0,
+        options: Sequence[str] = ("--no-offsets",),
     ) -> None:
         """``seed`` draws air and sensors; ``position_hz``: no more positions than this reach the companion (0: all).
-        ``rough``: as in rough_air.py."""
+
+        ``air``: as in rough_air.py; ``mass_times``: of the vehicle file's mass; ``options``: of the companion.
+        """
         self.px4 = firmware == PX4
-        self._air = ["--seed", str(seed), *["--rough"] * rough]
+        self._air = ["--seed", str(seed), "--air", air, "--mass-times", str(mass_times)]
+        self._options = tuple(options)
         self._position_hz = position_hz
         self.folder = folder
+        self._wrong_file = folder / "wrong.json"
         self._binary = Path(binary).resolve()
         self._parameters = parameters or {}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -183,7 +213,11 @@ class Rig:
         )
 
     def _boot(self) -> None:
-        flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
+        if self.px4:
+            link = ["--px4-hil", 4560]
+        else:
+            wrong = ["--wrong", self._wrong_file, "--speeds-port", SPEEDS_PORT]
+            link = ["--ardupilot-json", 9002, *wrong]
         physics = [
             sys.executable,
             Path(__file__).with_name("physics.py"),
@@ -192,9 +226,7 @@ class Rig:
             "--scenario",
             "corner",
         ]
-        self._start(
-            "physics", [*physics, *self._air, flag, port, "--truth", self.folder / "truth.csv"]
-        )
+        self._start("physics", [*physics, *self._air, *link, "--truth", self.folder / "truth.csv"])
         give_up = time.monotonic() + 60.0
         while b"{" not in (self.folder / "physics.log").read_bytes():
             assert time.monotonic() < give_up, (
@@ -364,10 +396,18 @@ class Rig:
         if self.px4:
             self._command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1)  # sensor GPS, off
         else:
-            for name in (b"SIM_GPS1_ENABLE", b"SIM_GPS_DISABLE"):
-                value = 0.0 if name == b"SIM_GPS1_ENABLE" else 1.0
-                with self._lock:
-                    self._link.mav.param_set_send(1, 1, name, value, mavlink.MAV_PARAM_TYPE_REAL32)
+            for name, value in (("SIM_GPS1_ENABLE", 0.0), ("SIM_GPS_DISABLE", 1.0)):
+                self.set_parameter(name, value)
+
+    def go_wrong(self, wrong: wrong_sensors.Wrong) -> None:
+        """What is wrong with the sensors from now on. ArduCopter only."""
+        assert not self.px4, "wrong sensors fly on ArduCopter only"
+        wrong_sensors.write(self._wrong_file, wrong)
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """One parameter of ArduCopter, in flight."""
+        with self._lock:
+            self._link.mav.param_set_send(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)
 
     def freeze_ground_range(self) -> None:
         """The beam that looks down repeats itself; asked again, it works again."""
@@ -382,11 +422,12 @@ class Rig:
     # -- the companion ----------------------------------------------------------------------------------------------
 
     def start_companion(self) -> None:
-        """As a user does, at the firmware's own endpoint, offsets off: it is the hold that is tested."""
+        """As a user does, at the firmware's own endpoint."""
         port = 14540 if self.px4 else 14550
-        if self._position_hz:
+        if self._position_hz or not self.px4:
             if self._companions == 0:
-                relay = ThinnedPositions(port, port + RELAYED, self._position_hz)
+                speeds = None if self.px4 else SPEEDS_PORT
+                relay = Relay(port, port + RELAYED, self._position_hz, speeds)
                 threading.Thread(target=relay.run, args=(lambda: self._alive,), daemon=True).start()
             port += RELAYED
         self._companions += 1
@@ -406,7 +447,7 @@ class Rig:
             "companion",
             [
                 *command,
-                "--no-offsets",
+                *self._options,
                 "--record",
                 self.folder / f"{name}.tlog",
                 "--json",

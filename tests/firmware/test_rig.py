@@ -6,7 +6,7 @@ import socket
 
 from physics import freeze_or_release
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from rig import ThinnedPositions
+from rig import Relay
 
 from companion.sim.sensors import RangeFault, RangeSensor
 from companion.vehicles import QUAD
@@ -20,7 +20,7 @@ def free_port() -> int:
 
 
 def test_positions_are_thinned_and_nothing_else():
-    relay = ThinnedPositions(free_port(), free_port(), 10.0)
+    relay = Relay(free_port(), free_port(), 10.0)
     sender = mavlink.MAVLink(None, srcSystem=1)
     out = b""
     for k in range(100):  # two seconds at 50 Hz

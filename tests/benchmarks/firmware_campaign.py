@@ -1,0 +1,452 @@
+"""Many flights on a real ArduCopter at a time: what offsets remove, and one wrong sensor at a wall.
+
+``ARDUCOPTER_BIN=… python tests/benchmarks/firmware_campaign.py {air,wrong} [--first 1] [--seeds 2]
+[--jobs 1] [--only TEXT] [--json FILE] [--record DIR] [--result FILE]``. Real firmware,
+simulated air (tests/firmware/rough_air.py), each flight in a network of its own. A flight takes two
+to four minutes and keeps two cores busy: no more ``--jobs`` than half the cores. With ``--json``
+flights that are in the file already are not flown again.
+
+*air*: twice free, low, wall, corner and back; the second time counts. *amended* flies with what
+``replay diagnose`` made of the flight without offsets in the same air. *wrong*: to the wall, then
+something goes wrong for ten seconds. Distances are the truth of the physics.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from adapt_recordings import decisions
+from firmware_flights import (
+    FREE_NORTH_M,
+    HEIGHT_M,
+    SLOW_LOOP,
+    STEADY_RATIO,
+    WALL_NORTH_M,
+    Pilot,
+)
+from result_file import add_option, figure, write_result
+from tqdm import tqdm
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
+from own_network import in_own_network, raise_loopback
+from rig import ARDUCOPTER, Rig
+from wrong_sensors import NOTHING_WRONG, Range, Wrong
+
+from companion.adapt_options import Adapt
+from companion.config import PipelineConfig
+from companion.vehicles import QUAD
+from models.choice import NONE, choose
+from models.common.frames import GRAVITY, Array
+from models.vehicle import load_vehicle
+
+LOW_M = 0.2
+"""Height of the autopilot: its feet are 0.2 m above the ground."""
+APPROACHES = 2
+BEFORE_S, WRONG_S = 4.0, 10.0
+SETTLED_S = 5.0
+PHASES = ("ground", "wall", "corner")
+DEFAULT, OFF, AMENDED = "default", "off", "amended"
+FLIGHT_TIMEOUT_S = 900.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One kind of flight."""
+
+    air: str = "rough"
+    companion: str = DEFAULT
+    wrong: Wrong | None = None
+    parameters: dict[str, float] | None = None
+    position_hz: float = 0.0
+    mass_times: float = 1.0
+    set_in_flight: tuple[str, float] | None = None
+
+
+def _air_cases() -> dict[str, Case]:
+    """Free air and no offsets to compare with; the default and an amended model in either air."""
+    cases = {"free": Case(air="free", companion=OFF)}
+    for air in ("rough", "strong corner"):
+        for companion in (OFF, DEFAULT, AMENDED):
+            cases[f"{air}, {companion}"] = Case(air=air, companion=companion)
+    return cases
+
+
+AIR_CASES = _air_cases()
+WRONG_CASES = {
+    "nothing": Case(wrong=NOTHING_WRONG),
+    "position steps 0.5 m from the wall": Case(wrong=Wrong(position_off_m=(-0.5, 0.0, 0.0))),
+    "position steps 0.5 m to the wall": Case(wrong=Wrong(position_off_m=(0.5, 0.0, 0.0))),
+    "position steps 0.5 m along the wall": Case(wrong=Wrong(position_off_m=(0.0, 0.5, 0.0))),
+    "position drifts from the wall": Case(wrong=Wrong(position_drift_m_s=(-0.1, 0.0, 0.0))),
+    "position drifts to the wall": Case(wrong=Wrong(position_drift_m_s=(0.1, 0.0, 0.0))),
+    "position freezes": Case(wrong=Wrong(position_frozen=True)),
+    "position turns by 25 degrees": Case(wrong=Wrong(position_turned_deg=25.0)),
+    "wall range 0.4 m more": Case(wrong=Wrong(wall_range_off_m=0.4)),
+    "wall range 0.4 m less": Case(wrong=Wrong(wall_range_off_m=-0.4)),
+    "wall range drifts to more": Case(wrong=Wrong(wall_range_drift_m_s=0.1)),
+    "wall range drifts to less": Case(wrong=Wrong(wall_range_drift_m_s=-0.1)),
+    "wall range freezes": Case(wrong=Wrong(wall_range=Range.FROZEN)),
+    "wall range lost": Case(wrong=Wrong(wall_range=Range.LOST)),
+    "wall range in the sun": Case(wrong=Wrong(wall_range=Range.SUN)),
+    "ground range freezes": Case(wrong=Wrong(ground_range=Range.FROZEN)),
+    "compass off by 25 degrees": Case(
+        wrong=NOTHING_WRONG, set_in_flight=("COMPASS_DEC", math.radians(25.0))
+    ),
+    "slow attitude loop": Case(wrong=NOTHING_WRONG, parameters=SLOW_LOOP),
+    "positions at 10 Hz": Case(wrong=NOTHING_WRONG, position_hz=10.0),
+    "a third heavier than the file": Case(wrong=NOTHING_WRONG, mass_times=1.3),
+    "gust of 3 m/s to the wall": Case(wrong=Wrong(gust_m_s=(3.0, 0.0, 0.0))),
+}
+CASES = {"air": AIR_CASES, "wrong": WRONG_CASES}
+
+
+def companion_options(case: Case, model: Path | None) -> tuple[str, ...]:
+    """Of the command line."""
+    if case.companion == OFF:
+        return ("--no-offsets",)
+    if case.companion == AMENDED:
+        assert model is not None
+        return ("--model", str(model))
+    return ()
+
+
+def fly_air(p: Pilot) -> None:
+    """Free, low, wall, corner and back, so many times."""
+    p.rig.engage()
+    p.ramp(FREE_NORTH_M, HEIGHT_M)
+    for k in range(APPROACHES):
+        last = k == APPROACHES - 1
+        for north, height, phase in (
+            (FREE_NORTH_M, LOW_M, "ground"),
+            (FREE_NORTH_M, HEIGHT_M, ""),
+            (WALL_NORTH_M, HEIGHT_M, "wall"),
+            (WALL_NORTH_M, LOW_M, "corner"),
+            (WALL_NORTH_M, HEIGHT_M, ""),
+            (FREE_NORTH_M, HEIGHT_M, ""),
+        ):
+            p.ramp(north, height, phase if last else "")
+
+
+def fly_wrong(p: Pilot, case: Case) -> None:
+    """To the wall; then something is wrong, and right again."""
+    assert case.wrong is not None
+    p.rig.engage()
+    p.ramp(FREE_NORTH_M, HEIGHT_M)
+    p.ramp(WALL_NORTH_M, HEIGHT_M, "at the wall")
+    p.stay(BEFORE_S)
+    p.mark("wrong")
+    if case.set_in_flight is not None:
+        p.rig.set_parameter(*case.set_in_flight)
+    p.rig.go_wrong(case.wrong)
+    p.rig.sleep(WRONG_S)
+    p.mark("right again")
+
+
+def truth_table(path: Path) -> Any:
+    """The truth of one flight, by column."""
+    with path.open(encoding="utf-8", newline="") as file:
+        reader = csv.reader(file)
+        names = next(reader)
+        rows = [row for row in reader if len(row) == len(names)]
+    columns = np.array(rows, dtype=float).T
+    return dict(zip(names, columns, strict=True))
+
+
+def sent_pitch(record: Path, case: Case, model: Path | None) -> tuple[Array, Array]:
+    """Boot times [s] and pitch of the offset [rad] of the recording, decided again."""
+    vehicle = load_vehicle(QUAD)
+    name = str(model) if case.companion == AMENDED else NONE
+    config = PipelineConfig(
+        vehicle=vehicle,
+        model=choose(vehicle, name).model,
+        offsets=case.companion != OFF,
+        adapt=Adapt.FULL,
+    )
+    times = []
+    pitch = []
+    for decision in decisions(record, config):
+        times.append(decision.t_s)
+        pitch.append(decision.offset.pitch)
+    return np.array(times), np.array(pitch)
+
+
+def air_figures(
+    truth: dict[str, Array], pilot: Pilot, sent: tuple[Array, Array]
+) -> dict[str, float]:
+    """By phase: mean square errors where the vehicle has settled [m^2], tilt that was needed and sent."""
+    believed = np.array(pilot.rig.estimates)
+    weight = load_vehicle(QUAD).mass_kg * GRAVITY
+    goals = {"ground": (FREE_NORTH_M, LOW_M), "wall": (WALL_NORTH_M, HEIGHT_M)}
+    goals["corner"] = (WALL_NORTH_M, LOW_M)
+    found: dict[str, float] = {}
+    for phase in PHASES:
+        end = pilot.marks[phase] + 8.0
+        t = truth["time_s"]
+        now = (t >= end - SETTLED_S) & (t < end)
+        when = t[now]
+        # The estimator's own error is none of ours.
+        off_n = np.mean(truth["n"][now] - np.interp(when, believed[:, 0], believed[:, 1]))
+        off_d = np.mean(truth["d"][now] - np.interp(when, believed[:, 0], believed[:, 3]))
+        north, height = goals[phase]
+        error_n = truth["n"][now] - off_n - north
+        error_d = truth["d"][now] - off_d + height
+        found[f"{phase}: sideways m2"] = float(np.mean(error_n**2))
+        found[f"{phase}: height m2"] = float(np.mean(error_d**2))
+        needed = truth["push_n"][now] / weight
+        given = np.interp(when, sent[0], sent[1])
+        found[f"{phase}: tilt needed deg"] = math.degrees(float(np.mean(needed)))
+        found[f"{phase}: tilt sent deg"] = math.degrees(float(np.mean(given)))
+        found[f"{phase}: push m2"] = float(np.mean(needed**2))
+        found[f"{phase}: push left m2"] = float(np.mean((needed - given) ** 2))
+    return found
+
+
+def wrong_figures(truth: dict[str, Array], marks: dict[str, float]) -> dict[str, float]:
+    """How far the vehicle went, and how long it touched something."""
+    t = truth["time_s"]
+    before = (t > marks["wrong"] - 2.0) & (t <= marks["wrong"])
+    during = (t > marks["wrong"]) & (t <= marks["right again"])
+    engaged = (t > marks["at the wall"] - 10.0) & (t <= marks["right again"])
+    start = [float(np.median(truth[c][before])) for c in ("n", "e", "d")]
+    north, east, down = (truth[c][during] - s for c, s in zip(("n", "e", "d"), start, strict=True))
+    lip_m = WALL_NORTH_M + 0.3 - truth["n"][during]
+    return {
+        "towards the wall m": float(np.max(north)),
+        "off m": float(np.max(np.sqrt(north**2 + east**2 + down**2))),
+        "least lip to wall m": float(np.min(lip_m)),
+        "contact s": 0.02 * float(np.sum(truth["contact"][during])),
+        "contact before s": 0.02 * float(np.sum(truth["contact"][engaged & ~during])),
+        "tilt deg": math.degrees(
+            float(np.max(np.hypot(truth["roll"][during], truth["pitch"][during])))
+        ),
+    }
+
+
+def fly(kind: str, name: str, seed: int, folder: Path, model: Path | None) -> dict[str, Any]:
+    """One flight in this network: its figures and what was said."""
+    case = CASES[kind][name]
+    out: dict[str, Any] = {"kind": kind, "case": name, "seed": seed}
+    with Rig(
+        ARDUCOPTER,
+        os.environ[ARDUCOPTER],
+        folder,
+        {k: v for k, v in (case.parameters or {}).items() if not k.startswith("MC_")},
+        seed=seed,
+        position_hz=case.position_hz,
+        air=case.air,
+        mass_times=case.mass_times,
+        options=companion_options(case, model),
+    ) as rig:
+        pilot = Pilot(rig)
+        try:
+            rig.take_off()
+            start = time.monotonic(), rig.true_time_s
+            if kind == "air":
+                fly_air(pilot)
+            else:
+                fly_wrong(pilot, case)
+            spent = time.monotonic() - start[0]
+            out["clock"] = round((rig.true_time_s - start[1]) / spent, 4)
+        except (AssertionError, RuntimeError) as error:
+            return out | {"failed": str(error), "marks": pilot.marks, "texts": rig.texts}
+    truth = truth_table(folder / "truth.csv")
+    if kind == "air":
+        figures = air_figures(truth, pilot, sent_pitch(folder / "flight.tlog", case, model))
+    else:
+        figures = wrong_figures(truth, pilot.marks)
+    return out | {"figures": figures, "marks": pilot.marks, "texts": rig.texts}
+
+
+def folder_of(records: Path, kind: str, name: str, seed: int) -> Path:
+    """Where a flight keeps its recording."""
+    words = name.replace(",", "").replace(" ", "_")
+    return records / f"{kind}_{words}_{seed}"
+
+
+def learned_model(records: Path, air: str, seed: int) -> Path | None:
+    """What ``replay diagnose`` makes of the flight without offsets; None where it makes nothing."""
+    folder = folder_of(records, "air", f"{air}, {OFF}", seed)
+    model = folder / "model"
+    if not model.exists():
+        command = [sys.executable, "-m", "replay", "diagnose", str(folder / "flight.tlog")]
+        command += ["--vehicle", str(QUAD), "--model", NONE, "--out", str(model)]
+        command += ["--json", str(folder / "answer.json"), "--quiet"]
+        subprocess.run(command, capture_output=True, timeout=FLIGHT_TIMEOUT_S, check=False)
+    return model if model.exists() else None
+
+
+def fly_apart(records: Path, kind: str, name: str, seed: int) -> dict[str, Any]:
+    """One flight in a process and a network of its own."""
+    flight = {"kind": kind, "case": name, "seed": seed, "texts": []}
+    folder = folder_of(records, kind, name, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, __file__, "one", "--only", json.dumps([kind, name, seed])]
+    command += ["--record", str(folder)]
+    case = CASES[kind][name]
+    if case.companion == AMENDED:
+        model = learned_model(records, case.air, seed)
+        if model is None:
+            return flight | {"failed": "no model came of the flight without offsets"}
+        command += ["--model", str(model)]
+    told = subprocess.run(
+        in_own_network(command),
+        capture_output=True,
+        text=True,
+        timeout=FLIGHT_TIMEOUT_S,
+        check=False,
+    )
+    if told.returncode:
+        return flight | {"failed": told.stderr.strip()[-300:]}
+    answer: dict[str, Any] = json.loads(told.stdout.splitlines()[-1])
+    return answer
+
+
+def counts(flight: dict[str, Any]) -> bool:
+    """Whether it flew to the end, and the machine kept time."""
+    return "figures" in flight and flight["clock"] >= STEADY_RATIO
+
+
+def share(off: float, on: float, free: float) -> float:
+    """Of the error that the air causes, what is removed [%]."""
+    if off <= free:
+        return math.nan
+    return 100.0 * (off - on) / (off - free)
+
+
+def air_rows(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Shares removed, over all seeds that flew, by air, companion and phase."""
+    good = [f for f in flights if counts(f)]
+    rows = []
+    for air in ("rough", "strong corner"):
+        for companion in (DEFAULT, AMENDED):
+            on = {f["seed"]: f for f in good if f["case"] == f"{air}, {companion}"}
+            off = {f["seed"]: f for f in good if f["case"] == f"{air}, {OFF}"}
+            free = {f["seed"]: f for f in good if f["case"] == "free"}
+            for phase in PHASES:
+                left, whole = [], []
+                for seed in on:
+                    left.append(on[seed]["figures"][f"{phase}: push left m2"])
+                    whole.append(on[seed]["figures"][f"{phase}: push m2"])
+                if not left:
+                    continue
+                removed = [100.0 * (1.0 - x / w) for x, w in zip(left, whole, strict=True)]
+                name = f"{air}, {companion}, {phase}: sideways push removed"
+                goal = {"wall": 75.0, "corner": 60.0, "ground": -5.0}[phase]
+                detail = f"median of {len(removed)}, least {min(removed):.0f} %"
+                rows.append(
+                    figure(
+                        name,
+                        f"{statistics.median(removed):.0f} %",
+                        detail,
+                        f"{goal:.0f} %",
+                        statistics.median(removed) >= goal and min(removed) >= -5.0,
+                    )
+                )
+                seeds = sorted(set(on) & set(off) & set(free))
+                for axis in ("sideways", "height"):
+                    key = f"{phase}: {axis} m2"
+                    e = [sum(g[s]["figures"][key] for s in seeds) for g in (off, on, free)]
+                    mm = [1000.0 * math.sqrt(x / max(len(seeds), 1)) for x in e]
+                    rows.append(
+                        figure(
+                            f"{air}, {companion}, {phase}: {axis} error",
+                            f"{mm[1]:.1f} mm",
+                            f"off {mm[0]:.1f}, free air {mm[2]:.1f} mm, of {len(seeds)} seeds: "
+                            f"{share(*e):.0f} % removed",
+                        )
+                    )
+    return rows
+
+
+def wrong_rows(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """By case: contact, the least distance and the furthest way."""
+    rows = []
+    for name in WRONG_CASES:
+        flown = [f["figures"] for f in flights if f["case"] == name and counts(f)]
+        if not flown:
+            continue
+        contact = max(f["contact s"] for f in flown)
+        detail = f"of {len(flown)}; least gap {min(f['least lip to wall m'] for f in flown):.2f} m"
+        detail += f", at most {max(f['off m'] for f in flown):.2f} m off"
+        rows.append(
+            figure(f"{name}: contact", f"{contact:.2f} s", detail, "0 s", met=contact == 0.0)
+        )
+    return rows
+
+
+def asked_for(a: argparse.Namespace, *, amended: bool) -> Iterable[tuple[str, str, int]]:
+    """Kind, case and seed of every flight; ``amended``: those that need another one before."""
+    for seed in range(a.first, a.first + a.seeds):
+        for name, case in CASES[a.kind].items():
+            if a.only in name and (case.companion == AMENDED) == amended:
+                yield a.kind, name, seed
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument("kind", choices=[*CASES, "one"], help="one: used by the program itself")
+    p.add_argument("--first", type=int, default=1, help="first seed")
+    p.add_argument("--seeds", type=int, default=2, help="how many")
+    p.add_argument("--jobs", type=int, default=1, help="flights at a time")
+    p.add_argument("--only", default="", metavar="TEXT", help="cases whose name holds this")
+    p.add_argument("--model", type=Path, metavar="DIR", help="used by the program itself")
+    p.add_argument("--json", type=Path, metavar="FILE", help="every flight")
+    p.add_argument("--record", type=Path, metavar="DIR", help="keep recordings and truth here")
+    add_option(p)
+    return p
+
+
+def main() -> int:
+    """Fly, and print a table."""
+    p = parser()
+    a = p.parse_args()
+    if not os.environ.get(ARDUCOPTER):
+        p.error("ARDUCOPTER_BIN names no binary: docs/firmware.md")
+    if a.kind == "one":
+        raise_loopback()
+        print(json.dumps(fly(*json.loads(a.only), a.record, a.model)))
+        return 0
+    flights = []
+    if a.json is not None and a.json.exists():
+        flights = json.loads(a.json.read_text(encoding="utf-8"))
+    known = {(f["kind"], f["case"], f["seed"]) for f in flights}
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(a.jobs) as pool:
+        for amended in (False, True):
+            jobs = [job for job in asked_for(a, amended=amended) if job not in known]
+            asked = [pool.submit(fly_apart, a.record or Path(scratch), *job) for job in jobs]
+            for one in tqdm(as_completed(asked), total=len(jobs), unit="flight", file=sys.stderr):
+                flights.append(one.result())
+                if a.json is not None:
+                    a.json.write_text(json.dumps(flights, indent=1) + "\n", encoding="utf-8")
+    mine = [f for f in flights if f["kind"] == a.kind]
+    rows = air_rows(mine) if a.kind == "air" else wrong_rows(mine)
+    for row in rows:
+        print(f"{row['what']:70} {row['value']:>9}  {row['detail']:60} {row.get('goal', '')}")
+    print(f"{sum(map(counts, mine))} of {len(mine)} flights count")
+    for f in mine:
+        if "failed" in f:
+            print(f"{f['case']}, seed {f['seed']}: {f['failed']}")
+    write_result(a, rows, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
