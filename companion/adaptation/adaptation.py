@@ -39,6 +39,8 @@ class Adaptation:
     """(5,): what an axis' residual scatters by from one block to the next."""
     learned: tuple[bool, ...]
     """Whether a channel was ever excited."""
+    of_walls: tuple[bool, ...] = ()
+    """Which of the adopted effects with a size say nothing of ground and wall together."""
     block: Block | None = None
     full: tuple[Block, Disturbance, Rows] | None = None
     """What ``learn`` is to take in: a block, the surroundings and the rotation FRD -> NED at its end."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.adaptation.corner_share import EVERYWHERE, CornerShare
 from companion.adaptation.near_map import NOTHING, NearField
 from companion.disturbance.about_cg import about_cg
 from companion.disturbance.records import FanPlaces
@@ -32,6 +33,10 @@ class Applied:
 
     shares: tuple[float, ...]
     near: NearField = NOTHING
+    corner: CornerShare = EVERYWHERE
+    """Of the adopted effects that know only walls."""
+    of_walls: tuple[bool, ...] = ()
+    """Which of the adopted effects these are."""
 
     def compensated(
         self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: FanPlaces, effects: Array
@@ -55,6 +60,11 @@ class Applied:
         total: Array = np.array([a + b + c for a, b, c in zip(*parts, strict=True)])
         if effects.size:
             total += (np.array(self.shares[3:]) - 1.0) @ effects
+        if True in self.of_walls:
+            missing = 1.0 - self.corner.of_wrench(around)
+            for share, wrench, of_wall in zip(self.shares[3:], effects, self.of_walls, strict=True):
+                if of_wall:
+                    total -= missing * share * wrench
         return total
 
     def pull_change_n(self, modelled_n: float, around: FanPlaces, step_radii: float) -> float:
@@ -96,7 +106,8 @@ def towards(now: Applied, wanted: Applied, dt_s: float) -> Applied:
         _slewed(old.pull, new.pull, most),
         _slewed(old.tilt, new.tilt, most),
     )
-    moved = Applied(shares, near)
+    corner = now.corner.moved(wanted.corner, up)
+    moved = replace(wanted, shares=shares, near=near, corner=corner)
     if moved == wanted:
         return wanted
     return moved

@@ -11,6 +11,7 @@ from companion.adaptation.block_noise import floors
 from companion.adaptation.channel import channels_of
 from companion.adaptation.sizes import channels, prior, size_table
 from companion.config import PipelineConfig
+from companion.disturbance.adopted_effects import of_walls_alone
 from models.common.frozen_copy import with_changes
 
 
@@ -36,6 +37,7 @@ def initial(config: PipelineConfig) -> Adaptation | None:
         applied=shares,
         variance=variance,
         learned=learned,
+        of_walls=of_walls_alone(config.model),
     )
     wanted = wanted_of(state)
     return with_changes(state, wanted=wanted, applied=wanted)

@@ -10,6 +10,7 @@ from models.common.frames import Array
 from models.common.frozen_copy import with_changes
 from models.effects import Context, adopted_wrench, get
 from models.effects.adopted_effect import AdoptedEffect
+from models.effects.flight_use import Reach
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 
@@ -20,6 +21,13 @@ def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
     What the others are wrong by is measured as one of the eleven, or not compensated in flight at all.
     """
     return tuple(k for k, e in enumerate(model.effects) if get(e.name).in_flight.gain)
+
+
+def of_walls_alone(model: FanSurrogate) -> tuple[bool, ...]:
+    """Of each adopted effect with a size: whether it says nothing of ground and wall together, and no other does."""
+    reaches = [get(e.name).in_flight.reach for e in model.effects]
+    corner = Reach.CORNER in reaches
+    return tuple([reaches[k] is Reach.WALL and not corner for k in effects_with_size(model)])
 
 
 def adopted_parts(

@@ -15,7 +15,7 @@ from models.common.frames import Array
 from models.effects.coefficient import Coefficient, Shape
 from models.effects.context import Context, decay
 from models.effects.effect import Effect
-from models.effects.flight_use import FlightUse
+from models.effects.flight_use import FlightUse, Reach
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
@@ -81,7 +81,7 @@ EFFECT = Effect(
         for rise in ("", "_rise")
     ),
     wrenches=_wrenches,
-    in_flight=FlightUse(gain=True),
+    in_flight=FlightUse(gain=True, reach=Reach.CORNER),
     shapes=(Shape(name="length_radii", unit="1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,
     law=True,

@@ -20,6 +20,14 @@ class InFlight(Enum):
     NONE = "not compensated in flight"
 
 
+class Reach(Enum):
+    """Near what an effect says all there is."""
+
+    ANYWHERE = "anywhere"
+    WALL = "a wall in the open"
+    CORNER = "ground and wall together"
+
+
 @dataclass(frozen=True, kw_only=True)
 class FlightUse:
     """What the flight program does with an adopted effect."""
@@ -27,6 +35,8 @@ class FlightUse:
     use: InFlight = InFlight.WRENCH
     gain: bool = False
     """A gain on it is measured (``--adapt``): it comes with a place, so nothing steady is taken for it."""
+    reach: Reach = Reach.ANYWHERE
+    """A law of walls alone is sent near the ground as far as it was measured there."""
     of_model: Callable[[Mapping[str, float], float], LawCorrection] | None = None
     """Of a part of the model's own answer: its correction, by adopted parameters and the fan's radius [m]."""
     corrected: Callable[[AirState, Mapping[str, float]], AirState] | None = None

@@ -14,7 +14,7 @@ from models.common.frames import Array
 from models.effects.coefficient import BelongsTo, Coefficient, Shape
 from models.effects.context import Context, decay
 from models.effects.effect import Effect
-from models.effects.flight_use import FlightUse
+from models.effects.flight_use import FlightUse, Reach
 from models.effects.lacking import where_seen
 from models.effects.pictures import nearest, over_second_wall, percent
 from models.effects.shown import Shown
@@ -57,7 +57,7 @@ EFFECT = Effect(
         Coefficient(name="loss", unit="1", low=-1.0, high=1.0, typical=0.1),
     ),
     wrenches=_wrenches,
-    in_flight=FlightUse(gain=True),
+    in_flight=FlightUse(gain=True, reach=Reach.WALL),
     shapes=(Shape(name="length_radii", unit="1", tried=(0.5, 0.9, 1.4)),),
     lacking=where_seen("second_d_m", "no second wall was seen by a second horizontal rangefinder"),
     aliases=("wall_effect",),

@@ -14,7 +14,7 @@ from models.common.frames import Array
 from models.effects.coefficient import Coefficient, Shape
 from models.effects.context import Context, decay
 from models.effects.effect import Effect
-from models.effects.flight_use import FlightUse
+from models.effects.flight_use import FlightUse, Reach
 from models.effects.lacking import where_seen
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.effects.search_hints import SearchHints
@@ -52,7 +52,7 @@ EFFECT = Effect(
         Coefficient(name="tilt", unit="1", low=-2.0, high=2.0, typical=0.15),
     ),
     wrenches=_wrenches,
-    in_flight=FlightUse(gain=True),
+    in_flight=FlightUse(gain=True, reach=Reach.WALL),
     shapes=(Shape(name="length_radii", unit="1", tried=(0.4, 0.7, 1.1, 1.7)),),
     lacking=where_seen("d_m", "no wall was seen"),
     law=True,

@@ -284,7 +284,7 @@ def learned_model(records: Path, air: str, seed: int) -> Path | None:
     model = folder / "model"
     if not model.exists():
         command = [sys.executable, "-m", "replay", "diagnose", str(folder / "flight.tlog")]
-        command += ["--vehicle", str(QUAD), "--model", NONE, "--out", str(model)]
+        command += ["--vehicle", str(QUAD), "--model", NONE, "--save-model", str(model)]
         command += ["--json", str(folder / "answer.json"), "--quiet"]
         subprocess.run(command, capture_output=True, timeout=FLIGHT_TIMEOUT_S, check=False)
     return model if model.exists() else None
