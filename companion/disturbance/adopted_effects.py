@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from companion.disturbance.stable_gain import GAIN, STIFFNESS_STEP_M, stable_gain
 from models.air_state import AirState
 from models.common.frames import Array
 from models.common.frozen_copy import with_changes
-from models.effects import Context, adopted_wrench, get
-from models.effects.adopted_effect import AdoptedEffect
+from models.effects import Context, adopted_wrench, adopted_wrenches, get
 from models.effects.flight_use import Reach
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -30,48 +31,48 @@ def of_walls_alone(model: FanSurrogate) -> tuple[bool, ...]:
     return tuple([reaches[k] is Reach.WALL and not corner for k in effects_with_size(model)])
 
 
-def adopted_parts(
+class Adopted(NamedTuple):
+    """What the adopted effects do to the vehicle at one instant, body FRD about the CG."""
+
+    wrench: Array
+    """(6,): of all of them."""
+    with_size: Array
+    """(k, 6): of each that has a size of its own."""
+    pull_change_n: float
+    """How much weaker they pull to the wall, ``STIFFNESS_STEP_M`` further off [N]; 0 where no wall is seen."""
+
+
+def adopted_now(
     model: FanSurrogate, state: AirState, vehicle: Vehicle, damping_1_s: float
-) -> Array:
-    """Wrench (k, 6) of every adopted effect that has a size."""
-    wrenches = []
-    for k in effects_with_size(model):
-        only = (model.effects[k],)
-        wrenches.append(adopted_disturbance(model, state, vehicle, damping_1_s, only))
-    return np.array(wrenches).reshape(-1, 6)
-
-
-def adopted_disturbance(
-    model: FanSurrogate,
-    state: AirState,
-    vehicle: Vehicle,
-    damping_1_s: float,
-    effects: tuple[AdoptedEffect, ...] | None = None,
-) -> Array:
-    """Wrench (6,) of the adopted effects, with a ceiling's pull no stronger than delay allows.
+) -> Adopted:
+    """The adopted effects as the flight program feeds them forward, each worked out once.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
-    forward would take that damping away. ``effects``: only these of the model's.
+    forward would take that damping away. A ceiling pulls no stronger than delay allows.
     """
-    if effects is None:
-        chosen = model.effects
-    else:
-        chosen = effects
     still = with_changes(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
+    here = Context(state=still, vehicle=vehicle, model=model)
+    each = adopted_wrenches(model.effects, here, in_flight=True)
+    change_n = 0.0
+    if np.isfinite(np.min(state.d_m)):
+        further = here.elsewhere(d_m=state.d_m + STIFFNESS_STEP_M)
+        change = each - adopted_wrenches(model.effects, further, in_flight=True)
+        change_n = float(_towards_wall(change.sum(axis=0), state))
+    if np.isfinite(np.min(state.ceiling_m)):
+        each = _under_ceiling(model, here, each, damping_1_s)
+    return Adopted(each.sum(axis=0), each[list(effects_with_size(model))], change_n)
 
-    def disturbance(ceiling_m: Array) -> Array:
-        context = Context(
-            state=with_changes(still, ceiling_m=ceiling_m), vehicle=vehicle, model=model
-        )
-        return adopted_wrench(chosen, context, in_flight=True)
 
-    near = disturbance(state.ceiling_m)
-    if not np.isfinite(np.min(state.ceiling_m)):
-        return near
-    pull = float(disturbance(state.ceiling_m + STIFFNESS_STEP_M)[2] - near[2]) / STIFFNESS_STEP_M
-    share = stable_gain(pull, vehicle, damping_1_s) / GAIN
-    open_air = disturbance(np.full_like(state.ceiling_m, np.inf))
-    out: Array = open_air + share * (near - open_air)
+def _under_ceiling(model: FanSurrogate, here: Context, each: Array, damping_1_s: float) -> Array:
+    """The wrenches ``each`` (n, 6), with as much of the ceiling's pull as is stable."""
+    ceiling_m = here.state.ceiling_m
+    lower = here.elsewhere(ceiling_m=ceiling_m + STIFFNESS_STEP_M)
+    open_air = here.elsewhere(ceiling_m=np.full_like(ceiling_m, np.inf))
+    change = adopted_wrenches(model.effects, lower, in_flight=True) - each
+    pull = float(change.sum(axis=0)[2]) / STIFFNESS_STEP_M
+    share = stable_gain(pull, here.vehicle, damping_1_s) / GAIN
+    without = adopted_wrenches(model.effects, open_air, in_flight=True)
+    out: Array = without + share * (each - without)
     return out
 
 
@@ -79,15 +80,13 @@ def adopted_pull_change_n(
     model: FanSurrogate, state: AirState, vehicle: Vehicle, step_m: float
 ) -> Array:
     """By how much the adopted effects pull the vehicle to the wall less, ``step_m`` further off [N], shape (...)."""
-    near, further = (
-        adopted_wrench(
-            model.effects,
-            Context(state=with_changes(state, d_m=d_m), vehicle=vehicle, model=model),
-            in_flight=True,
-        )
-        for d_m in (state.d_m, state.d_m + step_m)
-    )
-    change = near - further
+    here = Context(state=state, vehicle=vehicle, model=model)
+    further = here.elsewhere(d_m=state.d_m + step_m)
+    near, away = [adopted_wrench(model.effects, c, in_flight=True) for c in (here, further)]
+    return _towards_wall(near - away, state)
+
+
+def _towards_wall(wrench: Array, state: AirState) -> Array:
     bearing = state.wall_bearing_rad
-    out: Array = change[..., 0] * np.cos(bearing) + change[..., 1] * np.sin(bearing)
+    out: Array = wrench[..., 0] * np.cos(bearing) + wrench[..., 1] * np.sin(bearing)
     return out

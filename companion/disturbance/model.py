@@ -9,11 +9,7 @@ import numpy as np
 
 from companion.config import PipelineConfig
 from companion.disturbance.about_cg import about_cg
-from companion.disturbance.adopted_effects import (
-    adopted_disturbance,
-    adopted_parts,
-    adopted_pull_change_n,
-)
+from companion.disturbance.adopted_effects import adopted_now
 from companion.disturbance.air_state import air_state
 from companion.disturbance.correction import Correction
 from companion.disturbance.fan_query import FanQuery, fan_query
@@ -70,7 +66,7 @@ def modelled_disturbance(
     near = _surroundings(estimates, config, rotor_rpm, rpm, rotation, t_s)
     adopted = None
     if near.air is not None:
-        adopted = adopted_disturbance(model, near.air, vehicle, damping_1_s)
+        adopted = adopted_now(model, near.air, vehicle, damping_1_s)
     free = model.free_air_now(rpm)
     answer = surrogate_answer(model, near.at_thrust_lead, near.at_tilt_lead)
     above = above_free_air(answer, free)
@@ -81,21 +77,21 @@ def modelled_disturbance(
         wrench = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
     else:
         effects = _NO_EFFECTS
-        if near.air is not None:
-            effects = adopted_parts(model, near.air, vehicle, damping_1_s)
+        if adopted is not None:
+            effects = adopted.with_size
         parts = _parts(vehicle, answer.wrenches, free, near.at_thrust_lead, effects)
         wrench = correction.compensated(vehicle, above, parts.around, effects).tolist()
         step_radii = STIFFNESS_STEP_M / vehicle.rotor_radius_m
         if near.wall.seen is Seen.SURFACE:
             change_n = correction.pull_change_n(change_n, parts.around, step_radii)
     if adopted is not None:
-        wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
+        wrench = [a + b for a, b in zip(wrench, adopted.wrench.tolist(), strict=True)]
     if vehicle.vanes:
         wrench = _with_vanes(wrench, vehicle)
     gain = GAIN
     if near.wall.seen is Seen.SURFACE:
-        if near.air is not None:
-            change_n += float(adopted_pull_change_n(model, near.air, vehicle, STIFFNESS_STEP_M))
+        if adopted is not None:
+            change_n += adopted.pull_change_n
         gain = stable_gain(change_n / STIFFNESS_STEP_M, vehicle, damping_1_s)
     return Disturbance(
         wrench=tuple(wrench),

@@ -29,6 +29,7 @@ __all__ = [
     "InFlight",
     "adopted",
     "adopted_wrench",
+    "adopted_wrenches",
     "catalogue",
     "corrected_state",
     "get",
@@ -89,26 +90,32 @@ def adopted(
     return AdoptedEffect(name, parameters, tuple(without))
 
 
-def adopted_wrench(
+def adopted_wrenches(
     effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False
 ) -> Array:
-    """Sum of the adopted effects' wrenches (..., 6), body FRD about the CG.
+    """Wrench of each adopted effect (n, ..., 6), body FRD about the CG.
 
     What corrects a measurement is left to ``corrected_state``. ``in_flight`` leaves out what is not compensated in
     flight. Unknown quantities contribute nothing.
     """
-    total = np.zeros((*ctx.state.time_s.shape, 6))
-    for one in effects:
+    out = np.zeros((len(effects), *ctx.state.time_s.shape, 6))
+    for k, one in enumerate(effects):
         effect = get(one.name)
         use = effect.in_flight.use
         if use is InFlight.WRENCH or (use is InFlight.NONE and not in_flight):
-            wrench = np.nan_to_num(
-                effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0
-            )
+            wrench = effect.wrench(ctx, one.parameters)
+            out[k] = np.nan_to_num(wrench, nan=0.0, posinf=0.0, neginf=0.0)
             if one.without:
-                wrench[..., [AXES.index(a) for a in one.without]] = 0.0
-            total += wrench
-    return total
+                out[k][..., [AXES.index(a) for a in one.without]] = 0.0
+    return out
+
+
+def adopted_wrench(
+    effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False
+) -> Array:
+    """Sum (..., 6) of ``adopted_wrenches``."""
+    out: Array = adopted_wrenches(effects, ctx, in_flight=in_flight).sum(axis=0)
+    return out
 
 
 def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirState:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.air_state import AirState
 from models.common.frames import GRAVITY, Array, at_cg, corner_to_body
+from models.common.frozen_copy import with_changes
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import (
     FanModel,
@@ -60,6 +61,13 @@ class Context:
         """True for a record (n,), False for one instant."""
         return self.state.time_s.ndim == 1
 
+    def elsewhere(self, **places: Array) -> Context:
+        """The same instant at other places, such as ``d_m``: what comes of the rotors alone is not worked out again."""
+        out = replace(self, state=with_changes(self.state, **places))
+        for name in ("rotor_rpm", "rpm", "thrust"):
+            out.__dict__[name] = getattr(self, name)
+        return out
+
     @cached_property
     def rotor_rpm(self) -> Array:
         """(..., rotors): telemetered, or as the servo outputs declare."""
@@ -78,6 +86,8 @@ class Context:
         if not self.vehicle.telemetered and not np.isfinite(self.state.rpm).any():
             per_rotor = servo_thrust(self.vehicle, self.state.servo_us)
             return np.asarray(np.add.reduceat(per_rotor, self.vehicle.first_rotors, axis=-1))
+        if self.model is not None:
+            return np.asarray(self.model.wrench(np.inf, np.inf, self.rpm)[..., 2])
         each = zip(self.vehicle.fans, np.moveaxis(self.rpm, -1, 0), strict=True)
         return np.stack(
             [free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1

@@ -12,7 +12,7 @@ import models
 from companion.config import Base, PipelineConfig
 from companion.control.plant import FULL
 from companion.disturbance import stable_gain
-from companion.disturbance.adopted_effects import adopted_disturbance, adopted_pull_change_n
+from companion.disturbance.adopted_effects import adopted_now, adopted_pull_change_n
 from companion.pipeline import damping_1_s, initial_state
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
@@ -39,9 +39,8 @@ def state(gap_m: float = np.inf, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)
 
 
 def push(effects, *args, **kwargs):
-    return adopted_disturbance(
-        MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, DAMPING_1_S
-    )
+    model = MODEL.with_effects(effects)
+    return adopted_now(model, state(*args, **kwargs), VEHICLE, DAMPING_1_S).wrench
 
 
 def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
@@ -83,8 +82,8 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
 def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold_flies_with():
     ceiling = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}),)
     model, near = MODEL.with_effects(ceiling), 0.4 * VEHICLE.rotor_radius_m
-    soft = adopted_disturbance(model, state(near), VEHICLE, 0.5 * DAMPING_1_S)[2]
-    firm = adopted_disturbance(model, state(near), VEHICLE, DAMPING_1_S)[2]
+    soft = adopted_now(model, state(near), VEHICLE, 0.5 * DAMPING_1_S).wrench[2]
+    firm = adopted_now(model, state(near), VEHICLE, DAMPING_1_S).wrench[2]
     assert soft == pytest.approx(0.5 * firm)
     hold = PipelineConfig(vehicle=VEHICLE, model=MODEL)
     assert damping_1_s(initial_state(hold), hold) == FULL.velocity_1_s
@@ -105,3 +104,6 @@ def test_the_pull_of_an_adopted_wall_counts_towards_the_bound_of_the_feed_forwar
     expected = pull * thrust * np.exp(-gap / scale) * (1.0 - np.exp(-step / scale))
     assert adopted_pull_change_n(model, beside, VEHICLE, step) == pytest.approx(expected, rel=0.02)
     assert adopted_pull_change_n(model, state(), VEHICLE, step) == 0.0
+    assert adopted_now(model, beside, VEHICLE, DAMPING_1_S).pull_change_n == pytest.approx(
+        expected, rel=0.02
+    )
