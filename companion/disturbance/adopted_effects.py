@@ -11,6 +11,7 @@ from models.air_state import AirState
 from models.common.frames import Array
 from models.common.frozen_copy import with_changes
 from models.effects import Context, adopted_wrench, adopted_wrenches, get
+from models.effects.adopted_effect import AdoptedEffect
 from models.effects.flight_use import Reach
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -54,13 +55,18 @@ def adopted_now(
     here = Context(state=still, vehicle=vehicle, model=model)
     each = adopted_wrenches(model.effects, here, in_flight=True)
     change_n = 0.0
-    if np.isfinite(np.min(state.d_m)):
+    beside = [k for k, e in enumerate(model.effects) if _of_walls(e)]
+    if beside and np.isfinite(np.min(state.d_m)):
         further = here.elsewhere(d_m=state.d_m + STIFFNESS_STEP_M)
-        change = each - adopted_wrenches(model.effects, further, in_flight=True)
-        change_n = float(_towards_wall(change.sum(axis=0), state))
+        away = adopted_wrench([model.effects[k] for k in beside], further, in_flight=True)
+        change_n = float(_towards_wall(each[beside].sum(axis=0) - away, state))
     if np.isfinite(np.min(state.ceiling_m)):
         each = _under_ceiling(model, here, each, damping_1_s)
     return Adopted(each.sum(axis=0), each[list(effects_with_size(model))], change_n)
+
+
+def _of_walls(effect: AdoptedEffect) -> bool:
+    return get(effect.name).in_flight.reach is not Reach.ANYWHERE
 
 
 def _under_ceiling(model: FanSurrogate, here: Context, each: Array, damping_1_s: float) -> Array:
