@@ -1,8 +1,8 @@
-"""What adaptation costs a decision: one recorded flight through ``step``, with and without, side by side.
+"""What adaptation and adopted effects cost a decision: one recorded flight through ``step``, side by side.
 
 ``python tests/benchmarks/adapt_cost.py [LOG.tlog] [--rounds N]``: without a log, a simulated corner is flown first. The
-two are run in turns, and of every few samples the quickest round counts, so that a busy machine disturbs little; the
-ratio is what to compare between machines.
+three are run in turns, and of every few samples the quickest round counts, so that a busy machine disturbs little; the
+ratio is what to compare between machines. The amended model has four effects, as one diagnosed flight gives.
 """
 
 from __future__ import annotations
@@ -29,9 +29,19 @@ from companion.pipeline import initial_state, step
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.common.frames import Array
+from models.effects.adopted_effect import AdoptedEffect
 from replay.logs.tlog import read_tlog
 
 CHUNK = 10
+ADOPTED = (
+    AdoptedEffect("thrust_scale", {"scale": 0.02}),
+    AdoptedEffect(
+        "vertical_inflow",
+        {"slope": 4.8, "turning": 15.0, "north": 0.0, "east": 0.0, "level": 0.15},
+    ),
+    AdoptedEffect("ground_effect", {"gain": 0.05, "length_radii": 2.0}),
+    AdoptedEffect("wall_effect", {"pull": 0.12, "tilt": 0.05, "length_radii": 1.1}),
+)
 
 
 def samples_of(log: Path) -> list[Sample]:
@@ -89,27 +99,32 @@ def main() -> int:
     )
     a = p.parse_args()
     vehicle = default_vehicle()
-    off, full = (
-        PipelineConfig(vehicle=vehicle, model=models.load(), adapt=mode)
-        for mode in (Adapt.OFF, Adapt.FULL)
-    )
+    plain = models.load()
+    amended = plain.with_effects(ADOPTED)
+    off = PipelineConfig(vehicle=vehicle, model=plain, adapt=Adapt.OFF)
+    full = PipelineConfig(vehicle=vehicle, model=plain, adapt=Adapt.FULL)
+    with_effects = PipelineConfig(vehicle=vehicle, model=amended, adapt=Adapt.FULL)
+    configs = (off, full, with_effects)
     with tempfile.TemporaryDirectory() as folder:
         log = a.log
         if log is None:
             log = Path(folder) / "corner.tlog"
             fly(simulated(vehicle, build("corner", vehicle), 1), off, 75.0, record=log)
         samples = samples_of(log)[-a.samples :]
-    best = [np.full(-(-len(samples) // CHUNK), np.inf)] * 2
+    best = [np.full(-(-len(samples) // CHUNK), np.inf)] * len(configs)
     decisions = 1
     for _ in range(a.rounds):
-        for k, config in enumerate((off, full)):
+        for k, config in enumerate(configs):
             spent, decisions = timed(samples, config)
             best[k] = np.minimum(best[k], spent)
-    without, with_it = (1e6 * float(b.sum()) / decisions for b in best)
+    without, with_it, with_more = (1e6 * float(b.sum()) / decisions for b in best)
     print(
         f"{len(samples)} samples, {decisions} decisions, the best of {a.rounds} rounds for every {CHUNK} "
         f"samples: {without:.0f} us a decision without, {with_it:.0f} us with: {with_it - without:.0f} us more, "
         f"ratio {with_it / without:.2f}"
+    )
+    print(
+        f"with {len(ADOPTED)} adopted effects too: {with_more:.0f} us, ratio {with_more / without:.2f}"
     )
     print(
         f"memory kept over the second half: {grown_bytes(samples, off)} B without, {grown_bytes(samples, full)} B with"
