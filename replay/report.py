@@ -6,7 +6,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from models.common.pages.document import PAGE_STYLE
+from models.common.pages.document import PAGE_END, PAGE_POLICY, PAGE_STYLE
 
 _PAGES = Environment(
     loader=PackageLoader("replay"),
@@ -19,4 +19,5 @@ _PAGES = Environment(
 
 def render(template: str, **content: Any) -> str:
     """One self-contained page. Text in ``content`` is escaped; a template marks what is HTML already."""
-    return _PAGES.get_template(template).render(style=PAGE_STYLE, **content)
+    page = {"style": PAGE_STYLE, "policy": PAGE_POLICY, "end": PAGE_END}
+    return _PAGES.get_template(template).render(**page, **content)

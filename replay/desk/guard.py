@@ -11,8 +11,10 @@ from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoin
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
+from models.common.pages.document import SCRIPT_HASH
+
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src data:; "
+    f"default-src 'none'; script-src 'self' {SCRIPT_HASH}; style-src 'self' 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors "
     "'self'"
 )

@@ -288,7 +288,7 @@ def test_a_path_in_a_name_lands_among_the_logs(idle, desk, flown):
 def test_nothing_beside_the_folder_is_served(idle, desk, path):
     (desk.folder.parent / "secret").write_text("secret")
     assert "secret" not in idle.get(path).text
-    assert "import" not in idle.get(path).text
+    assert "import annotations" not in idle.get(path).text
 
 
 @pytest.mark.parametrize(

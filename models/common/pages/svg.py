@@ -1,4 +1,4 @@
-"""Small plots as SVG: lines, points with bars, and shaded intervals. No library, so a page needs none.
+"""Small plots as SVG: lines, points with bars, and shaded intervals. They are seen without any script.
 
 A chart is 400 units wide: on a phone its text has the size that it is given, on a wide screen two stand side by side.
 """
@@ -75,6 +75,9 @@ def figure(
         f"<figcaption><b>{escape(title)}</b>{keys(lines, bands) if keyed else ''}</figcaption>"
     )
     box = f'viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}"'
+    xs, ys = _scales(lines, WIDTH)
+    box += f' data-x="{xs}" data-y="{ys}" data-x-label="{escape(x_label)}"'
+    box += f' data-y-label="{escape(y_label)}"'
     return (
         f"<figure>{caption}<svg "
         f"{box}>{_panel(lines, x_label, y_label, bands, WIDTH)}</svg></figure>"
@@ -123,17 +126,22 @@ def picture(
 def _panel(
     lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int
 ) -> str:
-    xs = _Scale(np.concatenate([line.x for line in lines]), _LEFT, width - _RIGHT)
-    ends = []
-    for line in lines:
-        for sign in (-1.0, 1.0):
-            ends.append(line.y + sign * line.error)
-    ys = _Scale(np.concatenate([*ends, [0.0]]), HEIGHT - _BOTTOM, _TOP)
+    xs, ys = _scales(lines, width)
     shaded = "".join(_band(band, xs) for band in bands)
     drawn = "".join(
         _dots(line, xs, ys) if line.points else _polyline(line, xs, ys) for line in lines
     )
     return shaded + _frame(xs, ys, x_label, y_label) + drawn
+
+
+def _scales(lines: Sequence[Line], width: int) -> tuple[_Scale, _Scale]:
+    """Of x and y."""
+    xs = _Scale(np.concatenate([line.x for line in lines]), _LEFT, width - _RIGHT)
+    ends = []
+    for line in lines:
+        for sign in (-1.0, 1.0):
+            ends.append(line.y + sign * line.error)
+    return xs, _Scale(np.concatenate([*ends, [0.0]]), HEIGHT - _BOTTOM, _TOP)
 
 
 class _Scale:
@@ -147,6 +155,10 @@ class _Scale:
         self.high = high
         self.start = start
         self.end = end
+
+    def __str__(self) -> str:
+        """For the script of the page: ends of the axis, and where they are."""
+        return f"{self.low:.9g},{self.high:.9g},{self.start:g},{self.end:g}"
 
     def __call__(self, value: Any) -> Any:
         """Place of a number, or places of an array."""
@@ -201,7 +213,8 @@ def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
     out = ""
     for i, j in zip(edges[::2], edges[1::2], strict=True):
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(px[i:j], py[i:j], strict=True))
-        out += f'<polyline class="line {line.kind}" points="{points}"/>'
+        label = escape(line.label)
+        out += f'<polyline class="line {line.kind}" data-label="{label}" points="{points}"/>'
     return out
 
 

@@ -57,13 +57,11 @@ zone.addEventListener("drop", e => { e.preventDefault(); zone.className = ""; ta
 $("files").addEventListener("change", e => take([...e.target.files]));
 
 const answer = $("answer");
-function whole() {  // as high as what is in it, so that the page scrolls and not a part of it; no script runs in it
-  if (answer.contentDocument?.body) answer.style.height = `${answer.contentDocument.documentElement.scrollHeight + 8}px`;
-}
-if (answer) {
-  answer.addEventListener("load", whole);
-  window.addEventListener("resize", whole);
-  whole();
+if (answer) {  // as high as what is in it, so that the page scrolls and not a part of it
+  window.addEventListener("message", e => {
+    const height = Number(e.data?.height_px);
+    if (e.source === answer.contentWindow && height > 0) answer.style.height = `${height + 8}px`;
+  });
 }
 
 async function look() {
