@@ -63,7 +63,21 @@ def ready_to_leave(state: PipelineState) -> bool:
 def step(
     state: PipelineState, sample: Sample, config: PipelineConfig
 ) -> tuple[PipelineState, Decision | None]:
-    """Take in one sample; decide where the sample calls for a decision."""
+    """Take in one sample; decide where the sample calls for a decision.
+
+    ``sample``: a record of ``companion.mavlink.samples``. Nothing is changed in place: the new state comes back, and
+    None beside it where the sample calls for no decision.
+
+    >>> import companion, models
+    >>> from companion.mavlink.samples import Battery
+    >>> from companion.vehicles import default_vehicle
+    >>> config = companion.PipelineConfig(vehicle=default_vehicle(), model=models.load())
+    >>> state = companion.initial_state(config)
+    >>> heard = Battery(1.0, 1, 1, voltage_v=24.0, current_a=20.0, source="battery")
+    >>> state, decision = companion.step(state, heard, config)
+    >>> decision is None
+    True
+    """
     state, decision = answer(state, sample, config)
     return settle(state, sample, decision, config), decision
 

@@ -46,6 +46,13 @@ def diagnose(
 
     ``vehicle``: None drafts it from the logs, by ``mass_kg``, ``propeller_inch`` and ``span_m`` where they are known.
     ``model``: a model, its directory, or None for rotors in free air; by default as ``replay diagnose`` chooses it.
+    Raises LogError where a log cannot be judged, ConfigError and ModelError where vehicle or model are wrong.
+
+    >>> import replay
+    >>> answer = replay.diagnose("flight.tlog", "my.toml", model=None)  # doctest: +SKIP
+    >>> replay.diagnose("no_such_flight.tlog", mass_kg=3.0)
+    Traceback (most recent call last):
+    models.common.errors.LogError: no_such_flight.tlog: cannot be read (No such file or directory)
     """
     if isinstance(logs, Path | str):
         paths = [Path(logs)]

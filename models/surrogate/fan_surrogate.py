@@ -123,7 +123,15 @@ class FanSurrogate:
         return replace(self, effects=effects, info=self.info if info is None else info)
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """Total wrench (..., 6) of the fan in N and N m, corner frame."""
+        """Total wrench (..., 6) of the fan in N and N m, corner frame.
+
+        ``h``: reference point to ground [m], ``d``: lip to wall [m], inf where there is none, ``rpm``: rotor speed
+        [1/min]. They broadcast. NaN where one is not a number or below zero.
+
+        >>> import models, numpy as np
+        >>> models.load().wrench(np.inf, np.inf, [3000.0, 4000.0]).shape
+        (2, 6)
+        """
         return self.query(h, d, rpm).wrench
 
     def predict(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
@@ -152,7 +160,12 @@ class FanSurrogate:
         return self.plot()._repr_html_()
 
     def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread."""
+        """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread.
+
+        >>> import models
+        >>> models.load().trust([0.3, 0.3], [0.2, 0.2], [4000.0, 40000.0]).round(1).tolist()
+        [1.0, 0.0]
+        """
         return np.asarray(self.query(h, d, rpm).trust)
 
     def free_air(self, rpm: ArrayLike) -> Array:

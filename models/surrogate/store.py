@@ -72,6 +72,13 @@ def save_model(directory: Path | str, model: FanSurrogate) -> None:
 def load(directory: Path | str | None = None) -> FanSurrogate:
     """Load a model directory, or a shipped model by its name; without either, the shipped default.
 
+    >>> import models
+    >>> fan = models.load()
+    >>> fan
+    FanSurrogate(method='ensemble', rows=2310, rotor_radius_m=0.165, effects=[])
+    >>> float(fan.wrench(h=0.3, d=0.2, rpm=4000.0)[2].round(1))
+    22.8
+
     Raises ModelError naming the file: missing, not JSON, another schema or units, a key missing, weights whose hash
     is not the one declared, or that cannot be read.
     """

@@ -24,6 +24,12 @@ def train(
     it is not flown on another fan. What it reaches on places that were not trained on is in ``info["metrics"]``.
 
     Raises ModelError where the data or the method are wrong.
+
+    >>> import models
+    >>> from pathlib import Path
+    >>> flow = Path(models.__file__).with_name("data") / "corner_cfd.csv"
+    >>> models.train(flow, method="polynomial")
+    FanSurrogate(method='polynomial', rows=330, effects=[])
     """
     rows = data if isinstance(data, DataSet) else read(Path(data))
     return training.train(rows, method, seed, fan_radii_m=fan_radii_m).model

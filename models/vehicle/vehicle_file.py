@@ -14,6 +14,12 @@ from models.vehicle.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Va
 def load_vehicle(path: Path | str) -> Vehicle:
     """Read and check a vehicle file.
 
+    >>> from companion.vehicles import QUAD
+    >>> from models.vehicle import load_vehicle
+    >>> vehicle = load_vehicle(QUAD)
+    >>> vehicle.name, vehicle.mass_kg, len(vehicle.rotors)
+    ('quadrotor', 3.0, 4)
+
     Raises ConfigError naming the file and the key: unreadable, not TOML, unknown or missing key, impossible value, a
     vehicle that cannot be (models/vehicle/plausibility.py, which also has the warnings about an odd one).
     """

@@ -104,6 +104,12 @@ def load(
 
     ``settings``: the instance to take, by quantity. Raises LogError in one line where the log cannot be read, and
     ConfigError where it has no such instance.
+
+    >>> import replay
+    >>> flight = replay.load("flight.ulg")[0]  # doctest: +SKIP
+    >>> replay.load("no_such_flight.tlog")
+    Traceback (most recent call last):
+    models.common.errors.LogError: no_such_flight.tlog: cannot be read (No such file or directory)
     """
     path = Path(path)
     if path.is_dir():
