@@ -15,6 +15,9 @@ DT = 0.004
 EVERY = 5
 """Steps between samples that are kept: 50 Hz."""
 TAKE_OFF_S = 4.0
+WEAK_S = 20.0
+WEAK_EVERY_S = 30.0
+"""How long a fan is weak, and when the next one begins to be."""
 HOP_M_S = 0.3
 PRESSING_SHARE = 0.8
 """Speed beyond what the place asks at which a vehicle hops, and thrust over weight between hops."""
@@ -186,6 +189,12 @@ class _World:
                 share[i, k] = 1.0 - case.size
                 torque[i, k] = 1.0 - 0.7 * case.size
                 self.shake[i] = 0.15 * case.size
+            elif case.kind == "weak":
+                # One after the other, each for a while.
+                for number, motor in enumerate(case.motors):
+                    if 0.0 <= since - number * WEAK_EVERY_S < WEAK_S:
+                        share[i, motor - 1] = 1.0 - case.size
+                        torque[i, motor - 1] = 1.0 - 0.7 * case.size
             elif case.kind == "commanded":
                 self.command[i, k] = 0.0
                 self.spread[i, k] = 0.0
