@@ -61,6 +61,7 @@ EFFECT = Effect(
     search=SearchHints(
         needs_moments=True,
         may_begin=True,
+        several=True,
     ),
     aliases=("cg_offset",),
     shown=Shown(over_thrust, _words),

@@ -29,6 +29,8 @@ class SearchHints:
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
     may_begin: bool = False
     """It may begin or end in flight: the search of one flight tries times at which the residual changes."""
+    several: bool = False
+    """A vehicle may have several of it, each in another first shape: two weak fans."""
     remainder: bool = False
     """Weighed after all others, for what they leave."""
 

@@ -36,6 +36,8 @@ SD = {"lift": 0.05, "pull": 0.012, "tilt": 0.05}
 largest values that are published (Ai et al. 2020)."""
 GAIN_SD = 1.0
 """The same of a gain on what the declared model says of lift, pull and tilt: it may be wrong by its own size."""
+CHANCE = 2e-4
+"""That of a free curve: what can bend to anything comes after every law that has a form."""
 SEEN_S = 0.5
 """Time at a place after which it counts as seen [s]: one period of what is judged."""
 
@@ -180,7 +182,7 @@ EFFECT = Effect(
     search=SearchHints(
         remainder=True,
         exact=True,
-        chance=lambda ctx: ctx.by_model(0.05, 0.3),
+        chance=CHANCE,
     ),
     aliases=("ground_effect", "wall_effect", "corner_effect"),
     shown=Shown(over_surfaces, _words),

@@ -86,7 +86,10 @@ def _file(out: Path, job: Job) -> Path:
 
 def row(answer: dict[str, Any]) -> dict[str, Any]:
     """Columns by their place in the JSON: ``axes.Fz.rms_before``, ``effects.payload.probability`` …"""
-    by_name = {"effects": {effect["name"]: effect for effect in answer.get("effects", [])}}
+    effects: dict[str, Any] = {}
+    for effect in answer.get("effects", []):
+        effects.setdefault(effect["name"], effect)  # of two weak fans the one that explains more
+    by_name = {"effects": effects}
     return dict(_flat({name: (answer | by_name)[name] for name in _COLUMNS if name in answer}))
 
 

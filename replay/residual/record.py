@@ -22,6 +22,7 @@ from replay.residual.distances import distances, unseen_surfaces
 from replay.residual.faults import Doubts, doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.held_down import DID_NOT_FLY
+from replay.residual.hops import NOT_CLEAR
 from replay.residual.log_state import (
     decimated,
     named_channels,
@@ -253,6 +254,8 @@ def _why_short(record: Record, flown: Flown) -> LogError:
     path = flown.log.path
     if flown.air.never:
         return LogError(f"{path}: {DID_NOT_FLY}")
+    if flown.air.hops:
+        return LogError(f"{path}: {NOT_CLEAR}")
     if not flown.air.flying.any():
         slow = too_slow_to_fly(flown.log, flown.context, flown.motion)
         if slow is not None:

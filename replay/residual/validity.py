@@ -13,13 +13,12 @@ from models.effects import Context
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
 from replay.residual.held_down import held_down
+from replay.residual.hops import ROSE_M, hops
 from replay.residual.motion import Trajectory, rotor_rate_hz
 from replay.residual.standing import ROTORS_OFF_SHARE, standing
 
 AIRBORNE_SHARE = 0.5
 """Modelled lift over weight above which a vehicle flies: half leaves room for any undeclared effect."""
-ROSE_M = 0.5
-"""Change of height that proves a flight."""
 LIFT_S = 0.2
 TAKE_OFF_S = 1.0
 CONTACT_S = 0.3
@@ -53,16 +52,22 @@ class Excluded:
 
 @dataclass(frozen=True)
 class Airborne:
-    """Samples (n,) in the air; with turning rotors; and of these the ones at which the vehicle is held, or stands."""
+    """Samples (n,) in the air; with turning rotors; of these the ones at which the vehicle is held, or hops."""
 
     flying: Mask
     turning: Mask
     held: Mask
+    hopping: Mask
 
     @property
     def never(self) -> bool:
         """Whether the rotors turned, and mostly on a vehicle that was held."""
         return bool(self.held.sum() > NEVER_SHARE * self.turning.sum())
+
+    @property
+    def hops(self) -> bool:
+        """Whether the rotors turned mostly for hops."""
+        return bool(self.hopping.sum() > NEVER_SHARE * self.turning.sum())
 
 
 @dataclass(frozen=True)
@@ -143,8 +148,9 @@ def airborne(log: FlightLog, ctx: Context, motion: Trajectory) -> Airborne:
         armed = [(t >= i.start_s - ARMED_S) & (t <= i.end_s + ARMED_S) for i in log.armed]
         flying &= np.logical_or.reduce(armed)
     turning, held = held_down(ctx, motion)
-    flying &= ~held & ~standing(ctx, motion, rotor_rate_hz(log, ctx.vehicle))
-    return Airborne(flying, turning, held)
+    hopping = hops(ctx, motion, turning) & ~held
+    flying &= ~held & ~hopping & ~standing(ctx, motion, rotor_rate_hz(log, ctx.vehicle))
+    return Airborne(flying, turning, held, hopping)
 
 
 def _needed_lift(ctx: Context, lift: Array) -> float:

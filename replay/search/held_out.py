@@ -223,7 +223,8 @@ def _confirmed(
     for t in (t for t in best.terms if t.effect is not None and fit.index in t.places):
         if len(t.places) < 2:
             good = any(
-                o.effect is not None and o.name == t.name and o.key != t.key for o in best.terms
+                o.effect is not None and o.name == t.name and o.flight != t.flight
+                for o in best.terms
             )
         elif t.named.kept:
             good = _removes(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, groupby, zip_longest
 from typing import NamedTuple
@@ -150,6 +150,16 @@ class Library:
             groups.append(Alike(same, columns, centre))
         self._alike[key] = last, groups
         return groups
+
+    def again(self, term: Term, instance: int, but: Collection[float]) -> list[Term]:
+        """The terms of an effect once more, for a further one of it: all shapes but some first ones."""
+        key = replace(term, instance=instance).key
+        if key not in self.numbers_of:
+            for number in list(self.numbers_of[term.key]):
+                other = self.terms[number]
+                if other.shape[0] not in but:
+                    self._take_in(replace(other, instance=instance))
+        return [self.terms[number] for number in self.numbers_of.get(key, [])]
 
     def forget(self, term: Term) -> None:
         """Take the last term out."""

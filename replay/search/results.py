@@ -10,6 +10,7 @@ import numpy as np
 from models.common.frames import AXES
 from models.effects import Effect, get
 from models.effects.adopted_effect import UNTIL_S
+from replay.search.again import with_others
 from replay.search.channel import hundredths
 from replay.search.estimates import IntervalEstimate, shape_estimates, sizes
 from replay.search.evidence import Fit
@@ -150,21 +151,21 @@ def summarise(walked: Walked) -> Searched:
     and last what raises the error of held-out time. Each takes the best set of the pass before and gives its own;
     probabilities are those of the sets that remain.
     """
-    bare, fits = _helpful(_predictive(walked))
+    bare, fits = _helpful(with_others(_predictive(walked)))
     others = aliases(bare)
     if not _lawful(bare, fits):
         bare = with_surface_law(bare)
     walked, fits, without = _acting(bare)
     chosen = [t for t in walked.best.terms if t.effect is not None]
-    names = dict.fromkeys(t.name for t in chosen)
-    found = _at_most_all(
-        [_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names]
-    )
+    groups: dict[tuple[str, int], list[Term]] = {}
+    for t in chosen:
+        groups.setdefault((t.name, t.instance), []).append(t)
+    found = _at_most_all([_found(walked, own, fits, others, without) for own in groups.values()])
     found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
     return Searched(
         traces=tuple(fits),
         found=tuple(found),
-        rejected=_rejected(walked, set(names)),
+        rejected=_rejected(walked, {t.name for t in chosen}),
         visible=visible(walked),
         left_out=walked.left_out,
     )

@@ -20,8 +20,9 @@ from replay.search.thresholds import (
     FORM_PRIOR,
 )
 
-Key = tuple[str, int | None, str | None]
-"""Name, flight (of an effect of one flight) and axis (of a free curve): what may be in a set only once."""
+Key = tuple[str, int | None, str | None, int]
+"""Name, flight (of an effect of one flight), axis (of a free curve) and which of several such effects (from 1): what
+may be in a set only once."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
 
@@ -52,6 +53,8 @@ class Term:
     flight: int | None = None
     axis: str | None = None
     """Of a free curve."""
+    instance: int = 1
+    """Which one of an effect that a vehicle may have several times."""
 
     @property
     def named(self) -> Effect:
@@ -81,7 +84,7 @@ class Term:
     @cached_property
     def key(self) -> Key:
         """What may be there only once."""
-        return (self.name, self.flight, self.axis)
+        return (self.name, self.flight, self.axis, self.instance)
 
 
 def without_form(term: Term) -> Term:

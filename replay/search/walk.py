@@ -114,7 +114,7 @@ def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
         if not grown:
             break
         top = sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]
-        polished = (_lighter(sets, _sharpened(sets, _reshaped(sets, fit))) for fit in top)
+        polished = (lighter(sets, _sharpened(sets, _reshaped(sets, fit))) for fit in top)
         beam = list({f.key: f for f in polished}.values())
 
 
@@ -214,13 +214,13 @@ def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     return fit
 
 
-def _lighter(sets: Sets, fit: Fit) -> Fit:
+def lighter(sets: Sets, fit: Fit) -> Fit:
     """Less whatever the others do without."""
     for term in fit.terms:
         if term in fit.terms and len(fit.terms) > 1:
             new = sets.weigh([t for t in fit.terms if t.key != term.key], fit)
             if new.promise > fit.promise:
-                return _lighter(sets, new)
+                return lighter(sets, new)
     return fit
 
 

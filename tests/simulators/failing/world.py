@@ -15,6 +15,12 @@ DT = 0.004
 EVERY = 5
 """Steps between samples that are kept: 50 Hz."""
 TAKE_OFF_S = 4.0
+WEAK_S = 20.0
+WEAK_EVERY_S = 30.0
+"""How long a fan is weak, and when the next one begins to be."""
+HOP_M_S = 0.3
+PRESSING_SHARE = 0.8
+"""Speed beyond what the place asks at which a vehicle hops, and thrust over weight between hops."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +86,12 @@ class _World:
         self.resistance = rng.uniform(0.02, 0.05, n)
         self.roll_error = np.zeros(n)
         self.legs = [_legs(case, rng) for case in cases]
-        self.feet = _feet(self.places, self.arm)
+        self.feet = touching(self.places, self.arm)
         self.order = np.tile(np.arange(self.spins.shape[1]), (n, 1))
         for i, case in enumerate(cases):
+            if case.kind == "hops":
+                # Who hops by hand asks for as much thrust as that takes.
+                self.pilot.known_mass[i] = self.mass[i]
             if case.kind == "exchanged":
                 first, second = case.motors
                 self.order[i, [first - 1, second - 1]] = [second - 1, first - 1]
@@ -124,6 +133,10 @@ class _World:
         for i, case in enumerate(self.cases):
             target[i], target_v[i], yaw[i] = self.legs[i].at(t)
             since = t - case.since_s
+            if case.kind == "hops":
+                target[i, :2] = self.p[i, :2]
+                target_v[i, 2] = -HOP_M_S
+                continue
             if since < 0.0:
                 continue
             if case.kind == "glitch":
@@ -143,6 +156,10 @@ class _World:
                 self.roll_error[i] = min(case.size * since, 1.4)
         believed = rotation @ _about_roll(self.roll_error)
         force = self.pilot.wanted_force(seen, self.v, target, target_v, 2 * DT)
+        pressed = np.stack([legs.pressed(t) for legs in self.legs])
+        on_feet = np.isfinite(pressed).all(axis=1)
+        force[on_feet] = pressed[on_feet]
+        self.pilot.speed_sum[on_feet] = 0.0
         self.command = self.pilot.outputs(believed, self.w, force, yaw, turn, 2 * DT)
         if t < TAKE_OFF_S:
             self.command[:] = 0.15
@@ -172,6 +189,12 @@ class _World:
                 share[i, k] = 1.0 - case.size
                 torque[i, k] = 1.0 - 0.7 * case.size
                 self.shake[i] = 0.15 * case.size
+            elif case.kind == "weak":
+                # One after the other, each for a while.
+                for number, motor in enumerate(case.motors):
+                    if 0.0 <= since - number * WEAK_EVERY_S < WEAK_S:
+                        share[i, motor - 1] = 1.0 - case.size
+                        torque[i, motor - 1] = 1.0 - 0.7 * case.size
             elif case.kind == "commanded":
                 self.command[i, k] = 0.0
                 self.spread[i, k] = 0.0
@@ -307,6 +330,14 @@ class _Legs:
     places: Array
     yaws: Array
     home: Array
+    pressing: Array | None = None
+    """World force over the mass (legs, 3) that is asked for on the feet; NaN in the air."""
+
+    def pressed(self, t: float) -> Array:
+        """What is asked for on the feet (3,), else NaN."""
+        if self.pressing is None:
+            return np.full(3, np.nan)
+        return self.pressing[int(np.searchsorted(self.times, t, side="right")) - 1]
 
     def at(self, t: float) -> tuple[Array, Array, float]:
         """Where to be, how fast to go there, and the heading."""
@@ -314,7 +345,25 @@ class _Legs:
         return self.places[k], np.zeros(3), float(self.yaws[k])
 
 
+def _hops(case: Case, rng: np.random.Generator) -> _Legs:
+    """Up for 1 to 3 s to ``height_m`` over the feet, and as long on the feet, in turn."""
+    durations = rng.uniform(1.0, 3.0, 2 * int(case.end_s / 2.0))
+    times = TAKE_OFF_S + np.concatenate([[0.0], np.cumsum(durations)])
+    count = len(times)
+    places = np.zeros((count, 3))
+    places[:, 2] = -rng.uniform(*case.height_m, count)
+    angle = rng.uniform(0.0, case.size, count)
+    to = rng.uniform(0.0, 2.0 * np.pi, count)
+    level = np.sin(angle)
+    asked = np.stack([level * np.cos(to), level * np.sin(to), -np.cos(angle)], axis=1)
+    asked[::2] = np.nan
+    times[0] = 0.0
+    return _Legs(times, places, np.zeros(count), np.zeros(3), PRESSING_SHARE * G * asked)
+
+
 def _legs(case: Case, rng: np.random.Generator) -> _Legs:
+    if case.kind == "hops":
+        return _hops(case, rng)
     count = int(case.end_s / 4.0) + 2
     times = TAKE_OFF_S + 4.0 * np.arange(count)
     height = rng.uniform(*case.height_m)
@@ -336,7 +385,7 @@ def _legs(case: Case, rng: np.random.Generator) -> _Legs:
     return _Legs(times, places, yaws, home)
 
 
-def _feet(places: Array, arm: Array) -> Array:
+def touching(places: Array, arm: Array) -> Array:
     """Points that touch: four feet below and every rotor's tip."""
     feet = []
     for x, y in ((0.6, 0.6), (0.6, -0.6), (-0.6, 0.6), (-0.6, -0.6)):
