@@ -384,8 +384,11 @@ def air_rows(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def wrong_rows(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """By case: contact, the least distance and the furthest way."""
-    rows = []
+    """Flights without contact; then by case contact, the least distance and the furthest way."""
+    counted = [f["figures"] for f in flights if counts(f)]
+    clear = sum(f["contact s"] == 0.0 for f in counted)
+    said = f"{clear} of {len(counted)}"
+    rows = [figure("flights without contact", said, "", "all", met=clear == len(counted))]
     for name in WRONG_CASES:
         flown = [f["figures"] for f in flights if f["case"] == name and counts(f)]
         if not flown:
@@ -449,7 +452,7 @@ def main() -> int:
     mine = [f for f in flights if f["kind"] == a.kind]
     rows = air_rows(mine) if a.kind == "air" else wrong_rows(mine)
     for row in rows:
-        print(f"{row['what']:70} {row['value']:>9}  {row['detail']:60} {row.get('goal', '')}")
+        print(f"{row['what']:70} {row['value']:>9}  {row.get('detail', ''):60} {row.get('goal', '')}")
     print(f"{sum(map(counts, mine))} of {len(mine)} flights count")
     for f in mine:
         if "failed" in f:
