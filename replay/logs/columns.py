@@ -15,6 +15,7 @@ from companion.mavlink.range_beams import range_verdict
 from models.common.errors import LogError
 from models.common.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, Series
+from replay.logs.spill import Spool, blocks, picked, spilled
 from replay.logs.tlog import outliers
 
 _NEVER_S = 1e10
@@ -70,9 +71,10 @@ class Messages:
 
     def where(self, mask: NDArray[Any]) -> Messages:
         """Some of the messages, by a mask (n,) or by their places, in that order."""
-        return Messages(
-            self.name, self.t_s[mask], {name: values[mask] for name, values in self.data.items()}
-        )
+        if mask.dtype == bool and mask.all():
+            return self
+        chosen = {name: picked(values, mask) for name, values in self.data.items()}
+        return Messages(self.name, picked(self.t_s, mask), chosen)
 
     def series(self, values: Array, source: str = "") -> Series | None:
         """Values (n,) or (n, k) at the times of the messages."""
@@ -148,8 +150,11 @@ def range_beam(
 
 def quaternions(euler: Array) -> Array:
     """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1; an angle that is no number makes NaN."""
-    euler = np.where(np.isfinite(euler), euler, np.nan)
-    return np.stack(quaternion_of_halves(np.cos(euler / 2.0).T, np.sin(euler / 2.0).T), axis=-1)
+    out = Spool(np.float64, (4,))
+    for rows in blocks(len(euler)):
+        halves = np.where(np.isfinite(euler[rows]), euler[rows], np.nan) / 2.0
+        out.append(np.stack(quaternion_of_halves(np.cos(halves).T, np.sin(halves).T), axis=-1))
+    return out.array()
 
 
 def clipped_at_extreme(values: Array) -> int:
@@ -175,7 +180,7 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
     if t_s.size:
-        return Series(t_s, values, source)
+        return Series(spilled(t_s), spilled(values), source)
     return None
 
 
@@ -241,15 +246,26 @@ def mounting(q: Array) -> tuple[float, float, float, float]:
 
 def unflipped(q: Array) -> Array:
     """Quaternions (n, 4) of length 1 without sign jumps from one to the next, so that they can be interpolated."""
+    out = Spool(np.float64, (4,))
+    last = np.empty((0, 4))
+    sign = 1.0
+    for rows in blocks(len(q)):
+        own = _of_length_1(q[rows])
+        known = ~np.isnan(own[:, 0])
+        # With the last one before them, so that the sign goes on.
+        chain = np.concatenate([last, own[known]])
+        dots = np.einsum("ij,ij->i", chain[1:], chain[:-1])
+        signs = sign * np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
+        if known.any():
+            own[known] *= signs[len(last) :, None]
+            last = chain[-1:]
+            sign = float(signs[-1])
+        out.append(own)
+    return out.array()
+
+
+def _of_length_1(q: Array) -> Array:
+    """Quaternions (n, 4) of length 1, NaN for what is none."""
     norm = np.linalg.norm(np.where(np.abs(q) < 2.0, q, np.nan), axis=1, keepdims=True)
     sound = (norm > 0.9) & (norm < 1.1)
-    q = np.where(sound, q / np.where(sound, norm, 1.0), np.nan)
-    known = ~np.isnan(q[:, 0])
-    dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
-    if known.any():
-        signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
-    else:
-        signs = np.empty(0)
-    out = q.copy()
-    out[known] *= signs[:, None]
-    return out
+    return np.where(sound, q / np.where(sound, norm, 1.0), np.nan)
