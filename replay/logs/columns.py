@@ -160,7 +160,8 @@ def quaternions(euler: Array) -> Array:
 def clipped_at_extreme(values: Array) -> int:
     """Samples of (n, 3) that stand exactly at an axis' extreme, where that is above 3 g and hit three times or more."""
     total = 0
-    for axis in np.abs(values).T:
+    for k in range(values.shape[1]):
+        axis = np.abs(values[:, k])
         known = axis[np.isfinite(axis)]
         if known.size and known.max() >= _CLIP_AT_M_S2:
             hits = int((known == known.max()).sum())
@@ -209,7 +210,13 @@ def believable(t_s: Array) -> Array:
 
 def smallest_step(values: Array) -> float:
     """The grid that (n,) values stand on, 0 where there is none to be seen."""
-    distinct = np.unique(values[np.isfinite(values)][:_STEP_SAMPLES])
+    known = np.empty(0)
+    for rows in blocks(len(values)):
+        part = values[rows]
+        known = np.concatenate([known, part[np.isfinite(part)]])
+        if len(known) >= _STEP_SAMPLES:
+            break
+    distinct = np.unique(known[:_STEP_SAMPLES])
     if distinct.size < 10:
         return 0.0  # too few to tell a grid from chance
     steps = np.diff(distinct)

@@ -61,6 +61,8 @@ def clock_steps(arrival_us: Micros, place: Micros, stamp_us: Micros) -> list[Clo
 
 def without_steps(arrival_us: Micros, steps: list[ClockStep]) -> Micros:
     """Stamps (n,) of a clock that was never set."""
+    if not steps:
+        return arrival_us
     steady_us = arrival_us.copy()
     for step in steps:
         steady_us[step.place :] -= step.by_us

@@ -111,12 +111,12 @@ def steady(log: Tlog, system: int) -> Tlog:
     if (log.component == OWN_COMPONENT).any():
         return log
     try:
-        parts = [
-            without_steps(part.arrival_us, axis.clock_steps) for part, axis in boots(log, system)
-        ]
+        arrival_us = Spool(np.int64)
+        for part, axis in boots(log, system):
+            arrival_us.append(without_steps(part.arrival_us, axis.clock_steps))
     except LogError:  # without a boot stamp nothing shows a step
         return log
-    return replace(log, arrival_us=np.concatenate(parts))
+    return replace(log, arrival_us=arrival_us.array())
 
 
 def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:

@@ -98,8 +98,10 @@ class Tlog:
 
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """(arrival stamp [us], frame) in file order."""
-        for arrival, i in zip(self.arrival_us, self.start, strict=True):
-            yield int(arrival), self.data[i : i + frame_bytes(self.data, i)]
+        for rows in blocks(len(self)):
+            places = zip(self.arrival_us[rows].tolist(), self.start[rows].tolist(), strict=True)
+            for arrival, i in places:
+                yield arrival, self.data[i : i + frame_bytes(self.data, i)]
 
     def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
         """Places of the frames of one message, of one system if given."""
