@@ -183,6 +183,9 @@ class BootAxis:
         self._log = log
         self._system = system
         self.clock_steps = clock_steps(log.arrival_us, place, stamp_us)
+        steps = sorted(self.clock_steps, key=lambda step: step.place)
+        self._step_places = np.array([step.place for step in steps], np.int64)
+        self._moved_us = np.cumsum([0, *(step.by_us for step in steps)])
         self._place = place
         self._newest_us = spilled(np.maximum.accumulate(stamp_us))
         late_us = Spool(np.int64)
@@ -193,10 +196,8 @@ class BootAxis:
 
     def _arrival(self, index: Micros) -> Micros:
         """Arrivals (n,) by a clock that was never set."""
-        arrival_us = self._log.arrival_us[index]
-        for step in self.clock_steps:
-            arrival_us = arrival_us - step.by_us * (index >= step.place)
-        return arrival_us
+        before = np.searchsorted(self._step_places, index, side="right")
+        return np.asarray(self._log.arrival_us[index] - self._moved_us[before])
 
     def _ours(self, index: Micros) -> NDArray[np.bool_]:
         """Which frames (n,) are of the autopilot."""
