@@ -20,7 +20,7 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Ring
 from models.air_state import DIRECTIONS
 from models.common.frames import Array
-from replay.logs.spill import picked, release
+from replay.spill import picked, release
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
 """MAV_SENSOR_ORIENTATION of each body axis."""

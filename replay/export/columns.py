@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.air_state import DIRECTIONS
 from models.common.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
-from replay.logs.spill import BLOCK, Spool, picked, release
+from replay.spill import BLOCK, Spool, picked, release
 
 
 @dataclass(frozen=True, kw_only=True)

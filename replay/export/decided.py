@@ -20,8 +20,8 @@ from companion.estimation.surfaces import Seen, Surface
 from companion.state.decision import Decision
 from models.common.frames import Array
 from replay.export.columns import Column
-from replay.logs.spill import BLOCK, Spool, picked
 from replay.rerun.report import play
+from replay.spill import BLOCK, Spool, picked
 
 _NOTHING = "none"
 _ABSENT = Surface(Seen.UNDECLARED)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.common.frames import Array
 from replay.export.columns import Column, LogTable
-from replay.logs.spill import release
+from replay.spill import release
 
 _ROWS = 20_000
 """Rows in memory at a time: 16 MB with 100 columns."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay.flightlog import FlightLog, Series
-from replay.logs.spill import release
+from replay.spill import release
 
 _GAP_PERIODS = 5.0
 _GAP_S = 0.3

@@ -27,8 +27,8 @@ from models.common.frames import Array
 from replay.logs.columns import Messages, believable
 from replay.logs.files import HEAD_BYTES, check_head, is_text_dataflash, read_file
 from replay.logs.parameters import Row
-from replay.logs.spill import Spool, blocks, release, spans, spilled
 from replay.logs.text_dataflash import binary_of_text
+from replay.spill import Spool, blocks, release, spans, spilled
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")

@@ -15,8 +15,8 @@ from companion.mavlink.range_beams import range_verdict
 from models.common.errors import LogError
 from models.common.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, Series
-from replay.logs.spill import Spool, blocks, picked, spilled
 from replay.logs.tlog import outliers
+from replay.spill import Spool, blocks, picked, spilled
 
 _NEVER_S = 1e10
 """No clock of a vehicle shows this: 317 years."""

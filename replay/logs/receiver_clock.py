@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from replay.logs.spill import Spool, spans, spilled
 from replay.logs.tlog import places_of
+from replay.spill import Spool, spans, spilled
 
 Micros = NDArray[np.int64]
 _STEP_US = 500_000

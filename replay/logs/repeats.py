@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_frames import cut
-from replay.logs.spill import BLOCK, Spool, blocks, spans
 from replay.logs.tlog import Tlog
+from replay.spill import BLOCK, Spool, blocks, spans
 
 _UNIQUE = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
 """Sent once for every boot stamp."""

@@ -23,8 +23,8 @@ from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_layout import Layout
 from models.common.errors import LogError
 from replay.logs.receiver_clock import Micros, clock_steps, without_steps
-from replay.logs.spill import Spool, blocks, picked, spans, spilled
 from replay.logs.tlog import Tlog, outliers, places_of
+from replay.spill import Spool, blocks, picked, spans, spilled
 
 _WINDOW_US = 2_000_000
 """In two seconds some message passes a link without delay, and two clocks drift apart by less than 0.2 ms (100 ppm)."""

@@ -21,7 +21,7 @@ from companion.mavlink.wire_frames import V2, Content, Counts, frame_bytes
 from companion.mavlink.wire_layout import wire_format
 from models.common.errors import LogError
 from replay.logs.files import read_file
-from replay.logs.spill import BLOCK, Spool, blocks, release, spans, spilled
+from replay.spill import BLOCK, Spool, blocks, release, spans, spilled
 
 GROUND_STATION = 190
 """MAV_COMP_ID_MISSIONPLANNER."""

@@ -32,10 +32,10 @@ from replay.logs.columns import (
 )
 from replay.logs.parameters import Row, change_notes, in_force, take_off
 from replay.logs.repeats import without_repeats
-from replay.logs.spill import Spool, blocks, picked, spans
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_vehicle import VehicleChoice, choose, parameter_count, parameters
+from replay.spill import Spool, blocks, picked, spans
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _WIRE_STEP = 1.0 / PER_SI["mG"]

@@ -35,8 +35,8 @@ from replay.logs.columns import (
 )
 from replay.logs.files import read_file
 from replay.logs.parameters import Row, change_notes, in_force, take_off
-from replay.logs.spill import release, spilled
 from replay.logs.ulg_repair import repaired
+from replay.spill import release, spilled
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12

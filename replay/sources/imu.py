@@ -6,8 +6,8 @@ import numpy as np
 
 from models.common.frames import GRAVITY, Array
 from replay.flightlog import FlightLog, ImuRecord, Series
-from replay.logs.spill import Spool, blocks
 from replay.sources.candidates import Candidate
+from replay.spill import Spool, blocks
 
 _OF_GRAVITY = (0.5, 2.0)
 """Median specific force of a flight over gravity. A hover has 1; no pilot flies half of a log at 2."""

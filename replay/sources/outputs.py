@@ -10,9 +10,9 @@ import numpy as np
 from models.common.frames import Array
 from models.vehicle.motor_outputs import CAN, DeclaredMotors, declared_motors
 from replay.flightlog import FlightLog, MotorOutputs, Series, SourceChoice, Stated
-from replay.logs.spill import blocks
 from replay.sources.candidates import Candidate, pick
 from replay.sources.imu import correlation
+from replay.spill import blocks
 
 IDLE_US = 30.0
 """An output that never moves by more, of some 1000, drives no motor in flight."""

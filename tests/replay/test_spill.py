@@ -11,10 +11,10 @@ import pytest
 from log_writers import EPOCH_US, bin_flight, flight, ulg_flight, write_tlog
 from repeat_log import write_repeated
 
-from replay import load
+from replay import load, spill
 from replay.cli import main
-from replay.logs import files, spill
-from replay.logs.spill import Spool, blocks, picked, spans, spilled
+from replay.logs import files
+from replay.spill import Spool, blocks, picked, spans, spilled
 
 SHORT = 500
 """Rows of a block: a flight of seconds has many."""
