@@ -20,6 +20,7 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Ring
 from models.air_state import DIRECTIONS
 from models.common.frames import Array
+from replay.spill import picked, release
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
 """MAV_SENSOR_ORIENTATION of each body axis."""
@@ -78,7 +79,7 @@ class Series:
 
     def rows(self, chosen: NDArray[np.bool_]) -> Series:
         """The samples (n,) that are chosen."""
-        return Series(self.t_s[chosen], self.values[chosen], self.source)
+        return Series(picked(self.t_s, chosen), picked(self.values, chosen), self.source)
 
     def between(self, start_s: float, end_s: float) -> Series:
         """The part with start <= t < end."""
@@ -136,8 +137,7 @@ class Beam:
     @property
     def good(self) -> Series:
         """The readings with verdict OK."""
-        mask = self.judged(RangeVerdict.OK)
-        return Series(self.distance.t_s[mask], self.distance.values[mask], self.distance.source)
+        return self.distance.rows(self.judged(RangeVerdict.OK))
 
     @property
     def share_good(self) -> float:
@@ -418,6 +418,7 @@ class FlightLog:
         cuts = np.linspace(self.start_s, self.end_s, count + 1)[1:-1].tolist()
         for start_s, end_s in itertools.pairwise([-math.inf, *cuts, math.inf]):
             yield self.between(start_s, end_s)
+            release()
 
     def beam(self, direction: str) -> Beam | None:
         """The best rangefinder that looks ``down``, ``up``, ``forward``, ``right``, ``back`` or ``left``, or None.

@@ -6,6 +6,7 @@ dialect stands there, or damage.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from companion.mavlink.wire_frames import (
     V1_AROUND,
     V2,
     V2_AROUND,
+    Content,
     Counts,
     foreign_end,
 )
@@ -32,6 +34,7 @@ _NUMBERS = np.fromiter(EXTRA, np.int32)
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
+_NONE = (np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True)
@@ -42,31 +45,64 @@ class Cut:
     rest: int
 
 
-def cut_file(data: bytes, counts: Counts, ahead: int) -> Cut:
+def cut_file(data: Content, counts: Counts, ahead: int) -> Cut:
     """All good frames of a file. ``ahead``: bytes that precede each one."""
-    start, end = _checked(data)
-    run_ends = np.append(np.flatnonzero(start[1:] != end[:-1] + ahead) + 1, len(start))
-    pieces = [start[:0]]
-    at = ahead
-    while at + V1_AROUND <= len(data):
-        k = start.searchsorted(at)
-        if k < len(start) and start[k] == at:
-            run_end = run_ends[run_ends.searchsorted(k, "right")]
-            pieces.append(start[k:run_end])
-            at = int(end[run_end - 1]) + ahead
-        elif following := foreign_end(data, at, counts, ahead):
-            pieces.append(np.array([at]))
-            at = following + ahead
-        else:
-            if k < len(start):
-                found = int(start[k])
-            elif data[at] in (V1, V2):
-                break
+    frames = FileFrames(data, counts, ahead)
+    pieces = list(frames.pieces())
+    return Cut(np.concatenate([np.empty(0, np.int64), *pieces]), frames.rest)
+
+
+class FileFrames:
+    """The good frames of a file, some at a time: a file of any length can be cut."""
+
+    def __init__(self, data: Content, counts: Counts, ahead: int) -> None:
+        """``ahead``: bytes that precede each frame."""
+        self._data = data
+        self._counts = counts
+        self._ahead = ahead
+        self._blocks = _checked(data)
+        self._take(_NONE)
+        self.rest = 0
+        """Where a last frame begins that is not complete; known when all pieces are read."""
+
+    def pieces(self) -> Iterator[Places]:
+        """Where frames begin, in order."""
+        data = self._data
+        at = self._ahead
+        while at + V1_AROUND <= len(data):
+            k = self._checked_from(at)
+            if k < len(self._start) and self._start[k] == at:
+                run_end = int(self._run_ends[self._run_ends.searchsorted(k, "right")])
+                yield self._start[k:run_end]
+                at = int(self._end[run_end - 1]) + self._ahead
+            elif following := foreign_end(data, at, self._counts, self._ahead):
+                yield np.array([at])
+                at = following + self._ahead
             else:
-                found = len(data) + ahead
-            counts.skipped_bytes += found - at
-            at = found
-    return Cut(np.concatenate(pieces), at - ahead)
+                if k < len(self._start):
+                    found = int(self._start[k])
+                elif data[at] in (V1, V2):
+                    break
+                else:
+                    found = len(data) + self._ahead
+                self._counts.skipped_bytes += found - at
+                at = found
+        self.rest = at - self._ahead
+
+    def _checked_from(self, at: int) -> int:
+        """Which frame of the block is the first to begin at ``at`` or later, in this block or one after it."""
+        while not len(self._start) or self._start[-1] < at:
+            block = next(self._blocks, None)
+            if block is None:
+                break
+            self._take(block)
+        return int(self._start.searchsorted(at))
+
+    def _take(self, block: tuple[Places, Places]) -> None:
+        """Go on with the frames of this block; those that follow one another are a run."""
+        self._start, self._end = block
+        apart = self._start[1:] != self._end[:-1] + self._ahead
+        self._run_ends = np.append(np.flatnonzero(apart) + 1, len(self._start))
 
 
 def message_ids(bytes_: Bytes, start: Places) -> NDArray[np.int32]:
@@ -79,20 +115,17 @@ def message_ids(bytes_: Bytes, start: Places) -> NDArray[np.int32]:
     return ids
 
 
-def _checked(data: bytes) -> tuple[Places, Places]:
-    """Begin and end of every frame whose checksum passes, also of those within another."""
+def _checked(data: Content) -> Iterator[tuple[Places, Places]]:
+    """Begin and end of every frame whose checksum passes, also of those within another, block by block."""
     bytes_ = np.frombuffer(data, np.uint8)
-    found = []
     for first in range(0, len(data), _BLOCK_BYTES):
         start, end = _checked_in(data, bytes_, first)
-        found.append((start, end))
-        if not found[0][0].size:
-            break
-    starts, ends = zip(*found, strict=True)
-    return np.concatenate(starts), np.concatenate(ends)
+        if not first and not start.size:
+            return
+        yield start, end
 
 
-def _checked_in(data: bytes, bytes_: Bytes, first: int) -> tuple[Places, Places]:
+def _checked_in(data: Content, bytes_: Bytes, first: int) -> tuple[Places, Places]:
     """Of the block that begins at ``first``."""
     block = bytes_[first : first + _BLOCK_BYTES]
     start = first + np.flatnonzero((block == V1) | (block == V2))

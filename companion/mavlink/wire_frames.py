@@ -12,6 +12,7 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
+from mmap import mmap
 from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx as crc16
@@ -29,6 +30,8 @@ V2_AROUND = 12
 
 EXTRA = {number: bytes([kind.crc_extra]) for number, kind in MESSAGES.items()}
 """Checksum extra of every message, by id."""
+Content = bytes | mmap
+"""The bytes of a link or of a file: in memory, or mapped."""
 _MARK = re.compile(rb"[\xfd\xfe]")
 """Where a frame may begin."""
 
@@ -64,14 +67,14 @@ def unpacked(message_id: int, payload: bytes) -> tuple[Any, ...]:
     return fields
 
 
-def frame_bytes(data: bytes, i: int) -> int:
+def frame_bytes(data: Content, i: int) -> int:
     """Length of the frame that starts at ``i``, signature included."""
     if data[i] == V2:
         return data[i + 1] + (V2_AROUND + SIGNATURE_BYTES if data[i + 2] & 1 else V2_AROUND)
     return data[i + 1] + V1_AROUND
 
 
-def cut(data: bytes, i: int) -> Frame:
+def cut(data: Content, i: int) -> Frame:
     """The frame that starts at ``i`` of ``data``, which a walk has found good."""
     length = data[i + 1]
     if data[i] == V2:
@@ -112,7 +115,7 @@ def checked_end(data: bytes, at: int) -> int:
     return following
 
 
-def foreign_end(data: bytes, at: int, counts: Counts, ahead: int = 0) -> int:
+def foreign_end(data: Content, at: int, counts: Counts, ahead: int = 0) -> int:
     """Where the frame at ``at`` ends, whose checksum does not pass, if its message is of another dialect; else 0.
 
     Such a message cannot be checked. The frame after it, ``ahead`` bytes behind its end, vouches for its length.
@@ -149,7 +152,7 @@ def walk(data: bytes, counts: Counts) -> tuple[array[int], int]:
     return starts, at
 
 
-def _cut_off(data: bytes, at: int) -> bool:
+def _cut_off(data: Content, at: int) -> bool:
     """Whether the frame that begins at ``at`` is longer than the data."""
     n = len(data)
     return at + V1_AROUND > n or at + frame_bytes(data, at) > n

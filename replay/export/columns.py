@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from models.air_state import DIRECTIONS
 from models.common.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
+from replay.spill import BLOCK, Spool, picked, release
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +63,22 @@ def table(log: FlightLog, decisions: Iterable[Column] = ()) -> LogTable:
     """Everything a boot holds, and what was decided on it."""
     columns = (*recorded(log), *decisions)
     stamps = {id(c.t_s): c.t_s for c in columns}.values()
-    return LogTable(log.boot, np.unique(np.concatenate([np.empty(0), *stamps])), columns)
+    return LogTable(log.boot, _union(list(stamps)), columns)
+
+
+def _union(stamps: Sequence[Array]) -> Array:
+    """All of several sorted times, each once; on disk where they are many."""
+    most = max(stamps, key=len, default=np.empty(0))
+    edges = [-math.inf, *most[BLOCK::BLOCK].tolist(), math.inf]
+    found = Spool(np.float64)
+    for start_s, end_s in itertools.pairwise(edges):
+        parts = [np.empty(0)]
+        for t_s in stamps:
+            i, j = t_s.searchsorted((start_s, end_s)).tolist()
+            parts.append(t_s[i:j])
+        found.append(np.unique(np.concatenate(parts)))
+        release()
+    return found.array()
 
 
 def recorded(log: FlightLog) -> Iterator[Column]:
@@ -156,6 +173,7 @@ def _spread(
         return
     for k, name in enumerate(names, first):
         known: NDArray[np.bool_] = np.isfinite(series.values[:, k])
+        release()
         if known.all():  # no copy: columns of one message share their times
             yield Column(
                 name=name,
@@ -170,8 +188,8 @@ def _spread(
                 name=name,
                 unit=unit,
                 description=description,
-                t_s=series.t_s[known],
-                values=series.values[known, k],
+                t_s=picked(series.t_s, known),
+                values=picked(series.values[:, k], known),
                 topic=topic,
             )
 

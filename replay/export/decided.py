@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,8 +18,10 @@ from companion.control.position_hold import BaseSetpoint
 from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen, Surface
 from companion.state.decision import Decision
+from models.common.frames import Array
 from replay.export.columns import Column
 from replay.rerun.report import play
+from replay.spill import BLOCK, Spool, picked
 
 _NOTHING = "none"
 _ABSENT = Surface(Seen.UNDECLARED)
@@ -128,12 +130,32 @@ def _told(d: Decision, before: Decision | None) -> Iterator[tuple[str, Iterator[
         yield "sizes", _measured(known)
 
 
-class _Topic(NamedTuple):
+class _Topic:
     """What is said in one topic, row by row: times [s], and the values of every quantity."""
 
-    quantities: list[Quantity]
-    t_s: array[float]
-    values: list[array[float]]
+    def __init__(self, quantities: list[Quantity]) -> None:
+        self.quantities = quantities
+        self.last_s = -math.inf
+        self._rows = [array("d") for _ in range(1 + len(quantities))]
+        self._stored = [Spool(np.float64) for _ in self._rows]
+
+    def add(self, t_s: float, values: Iterable[float]) -> None:
+        """A row; ``values`` of all quantities."""
+        self.last_s = t_s
+        for column, value in zip(self._rows, (t_s, *values), strict=True):
+            column.append(value)
+        if len(self._rows[0]) >= BLOCK:
+            self._store()
+
+    def columns(self) -> list[Array]:
+        """Times (n,), and the values (n,) of each quantity."""
+        self._store()
+        return [spool.array() for spool in self._stored]
+
+    def _store(self) -> None:
+        for column, spool in zip(self._rows, self._stored, strict=True):
+            spool.append(np.array(column))
+            del column[:]
 
 
 class Decisions:
@@ -154,31 +176,30 @@ class Decisions:
             adaptation=begin.initial(config),
         )
         for topic, said in _told(nothing, None):
-            quantities = list(said)
-            self._topics[topic] = _Topic(quantities, array("d"), [array("d") for _ in quantities])
+            self._topics[topic] = _Topic(list(said))
 
     def add(self, d: Decision) -> None:
         """Take in the next one; of several at one time the first counts."""
         for name, said in _told(d, self._before):
             topic = self._topics[name]
-            if topic.t_s and topic.t_s[-1] >= d.t_s:
+            if topic.last_s >= d.t_s:
                 continue
-            topic.t_s.append(d.t_s)
             row = {q.name: q.value for q in said}
-            for quantity, values in zip(topic.quantities, topic.values, strict=True):
-                value = row.get(quantity.name, math.nan)
-                values.append(
-                    self._words.setdefault(value, len(self._words))
-                    if isinstance(value, str)
-                    else value
-                )
+            topic.add(d.t_s, [self._number(row.get(q.name, math.nan)) for q in topic.quantities])
         self._before = d
+
+    def _number(self, value: float | str) -> float:
+        """A number as it is; a text as its place among the texts."""
+        if isinstance(value, str):
+            return self._words.setdefault(value, len(self._words))
+        return value
 
     def columns(self) -> Iterator[Column]:
         """Every column, also those without a sample."""
-        for topic, (quantities, t_s, values) in self._topics.items():
-            for q, column in zip(quantities, values, strict=True):
-                known = np.isfinite(column)
+        for name, topic in self._topics.items():
+            t_s, *columns = topic.columns()
+            for q, values in zip(topic.quantities, columns, strict=True):
+                known = np.isfinite(values)
                 if isinstance(q.value, str):
                     words = tuple(self._words)
                 else:
@@ -187,9 +208,9 @@ class Decisions:
                     name=q.name,
                     unit=q.unit,
                     description=q.description,
-                    t_s=np.array(t_s)[known],
-                    values=np.array(column)[known],
-                    topic=topic,
+                    t_s=t_s if known.all() else picked(t_s, known),
+                    values=values if known.all() else picked(values, known),
+                    topic=name,
                     words=words,
                 )
 

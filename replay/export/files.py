@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from models.common.frames import Array
 from replay.export.columns import Column, LogTable
+from replay.spill import release
 
 _ROWS = 20_000
-"""Rows in memory at a time: 16 MB with 100 columns, six times that as text."""
+"""Rows in memory at a time: 16 MB with 100 columns."""
+_ROWS_OF_TEXT = 4000
+"""Rows in memory at a time as text, which takes six times as much."""
 _KEYS = (("boot", "1", "start of the vehicle, from 1"), ("time_s", "s", "since the vehicle's boot"))
 """Columns that every row has: name, unit, description."""
 
@@ -28,7 +31,7 @@ def write_csv(
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*(name for name, _, _ in _KEYS), *(c.name for c in columns)])
-        for boot, t, values in blocks(tables, columns):
+        for boot, t, values in blocks(tables, columns, _ROWS_OF_TEXT):
             cells = [map(_cell, column.tolist()) for column in values]
             writer.writerows(
                 zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False)
@@ -80,3 +83,4 @@ def blocks(
             end = min(start + rows, len(table.t_s))
             values = [table.values(own.get(c.name, c), start, end) for c in columns]
             yield table.boot, table.t_s[start:end], values
+            release()

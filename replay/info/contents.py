@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay.flightlog import FlightLog, Series
+from replay.spill import release
 
 _GAP_PERIODS = 5.0
 _GAP_S = 0.3
@@ -45,6 +46,7 @@ def streams(log: FlightLog) -> list[Stream]:
 def _stream(name: str, series: Series, share_good: float | None) -> Stream:
     steps = np.diff(series.t_s)
     rate = series.rate_hz
+    release()
     return Stream(
         name=name,
         source=series.source,

@@ -22,11 +22,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
+from companion.mavlink.wire_frames import Content
 from models.common.frames import Array
 from replay.logs.columns import Messages, believable
-from replay.logs.files import check_head, is_text_dataflash, read_file
+from replay.logs.files import HEAD_BYTES, check_head, is_text_dataflash, read_file
 from replay.logs.parameters import Row
 from replay.logs.text_dataflash import binary_of_text
+from replay.spill import Spool, blocks, release, spans, spilled
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")
@@ -64,6 +66,8 @@ _FMT_TYPE = np.dtype(
         ("columns", "S64"),
     ]
 )
+_AT_ONCE = 16 * 2**20
+"""Bytes that are looked through before their memory is given back."""
 _SHORTEST = 3
 """Bytes of a message without fields."""
 _TIMES = ("TimeUS", "TimeMS")
@@ -109,7 +113,7 @@ class MessageFormat:
             times = _TIMES
         return next((field for field in times if field in self.fields), None)
 
-    def fits(self, data: bytes, i: int) -> bool:
+    def fits(self, data: Content, i: int) -> bool:
         """Whether another message, or the end, follows one of this length at ``i``."""
         end = i + self.length
         return end == len(data) or data[end : end + len(_HEAD)] == _HEAD
@@ -168,7 +172,7 @@ class Dataflash:
     boot: int
     size: int
     """Bytes of the file."""
-    data: bytes
+    data: Content
     """All of the log as a .BIN holds it."""
     places: Mapping[MessageFormat, NDArray[np.int64]]
     """Offsets of the messages of every declaration, in the order of the file."""
@@ -223,8 +227,10 @@ class Dataflash:
         data = np.frombuffer(self.data, np.uint8)
         for kind, offsets in self.places.items():
             if kind.dtype is not None and kind.readable and kind.name in names and len(offsets):
-                raw = np.ascontiguousarray(sliding_window_view(data, kind.length)[offsets])
-                yield kind, offsets, raw.view(kind.dtype).reshape(-1)
+                raw = Spool(np.uint8, (kind.length,))
+                for rows in spans(offsets, _AT_ONCE):
+                    raw.append(sliding_window_view(data, kind.length)[offsets[rows]])
+                yield kind, offsets, raw.array().view(kind.dtype).reshape(-1)
 
     def _messages(
         self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]
@@ -233,13 +239,8 @@ class Dataflash:
         factors = self._factors(kind)
         numbers: dict[str, NDArray[Any]] = {}
         for name in content.dtype.names or ():
-            if _letter(content, name) in _TEXT:
-                continue
-            numbers[name] = (
-                content[name] / kind.divisors[name] if name in kind.divisors else content[name]
-            )
-            if name in factors:
-                numbers[name] = numbers[name] * factors[name]
+            if _letter(content, name) not in _TEXT:
+                numbers[name] = _scaled(content[name], kind.divisors.get(name), factors.get(name))
         return Messages(kind.name, believable(self._times(kind, offsets, content)), numbers)
 
     def _factors(self, kind: MessageFormat) -> dict[str, float]:
@@ -383,8 +384,8 @@ def read_boots(path: Path) -> list[Dataflash]:
     data = raw = read_file(path)
     notes: list[str] = []
     if is_text_dataflash(raw):
-        data, notes = binary_of_text(path, raw)
-    check_head(path, data, _HEAD, "ArduPilot dataflash log")
+        data, notes = binary_of_text(path, raw[:])
+    check_head(path, data[:HEAD_BYTES], _HEAD, "ArduPilot dataflash log")
     walk = _Walk(data)
     notes += walk.notes()
     found = []
@@ -409,7 +410,7 @@ class _Walk:
     time, or does not add up, is believed where the messages after it have its length.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: Content) -> None:
         self._data = data
         self._fmt = MessageFormat(
             number=_FMT, name="FMT", length=_FMT_TYPE.itemsize, dtype=_FMT_TYPE, divisors={}
@@ -425,6 +426,7 @@ class _Walk:
         self.boots = [boot]
         n = len(data)
         i = 0
+        looked_through = _AT_ONCE
         kinds = self._kinds
         doubted = self._doubted
         while i + _SHORTEST <= n:
@@ -450,6 +452,9 @@ class _Walk:
                 places = boot[kind] = array("q")
             places.append(i)
             i += kind.length
+            if i >= looked_through:
+                looked_through = i + _AT_ONCE
+                release()
         self._rest = n - i
 
     def _declare(self, new: MessageFormat) -> None:
@@ -481,7 +486,7 @@ class _Walk:
     def _resume(self, i: int) -> int:
         """Place of the next message of a declared type that another follows, or of one more of an undeclared type."""
         data = self._data
-        if data.startswith(_HEAD, i):
+        if data[i : i + len(_HEAD)] == _HEAD:
             self._undeclared[data[i + 2]] += 1
         at = i + 1
         while (at := data.find(_HEAD, at)) >= 0 and at + 2 < len(data):
@@ -529,6 +534,24 @@ class _Walk:
 def _stamps(kind: MessageFormat, content: NDArray[Any]) -> Array:
     """Times [s] (n,) of a kind that has such."""
     return np.asarray(content[kind.stamp], float) / (1e6 if kind.stamp == "TimeUS" else 1e3)
+
+
+def _scaled(values: NDArray[Any], divisor: float | None, factor: float | None) -> NDArray[Any]:
+    """Values (n,) as they are meant."""
+    if divisor is None and factor is None:
+        return spilled(values)
+    out = None
+    for rows in blocks(len(values)):
+        part = values[rows]
+        if divisor is not None:
+            part = part / divisor
+        if factor is not None:
+            part = part * factor
+        if out is None:
+            out = Spool(part.dtype)
+        out.append(part)
+    assert out is not None, "there is a message"
+    return out.array()
 
 
 def _letter(content: NDArray[Any], field: str) -> str:

@@ -16,6 +16,7 @@ from models.common.errors import LogError
 from models.common.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, Series
 from replay.logs.tlog import outliers
+from replay.spill import Spool, blocks, picked, spilled
 
 _NEVER_S = 1e10
 """No clock of a vehicle shows this: 317 years."""
@@ -70,9 +71,10 @@ class Messages:
 
     def where(self, mask: NDArray[Any]) -> Messages:
         """Some of the messages, by a mask (n,) or by their places, in that order."""
-        return Messages(
-            self.name, self.t_s[mask], {name: values[mask] for name, values in self.data.items()}
-        )
+        if mask.dtype == bool and mask.all():
+            return self
+        chosen = {name: picked(values, mask) for name, values in self.data.items()}
+        return Messages(self.name, picked(self.t_s, mask), chosen)
 
     def series(self, values: Array, source: str = "") -> Series | None:
         """Values (n,) or (n, k) at the times of the messages."""
@@ -148,14 +150,18 @@ def range_beam(
 
 def quaternions(euler: Array) -> Array:
     """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1; an angle that is no number makes NaN."""
-    euler = np.where(np.isfinite(euler), euler, np.nan)
-    return np.stack(quaternion_of_halves(np.cos(euler / 2.0).T, np.sin(euler / 2.0).T), axis=-1)
+    out = Spool(np.float64, (4,))
+    for rows in blocks(len(euler)):
+        halves = np.where(np.isfinite(euler[rows]), euler[rows], np.nan) / 2.0
+        out.append(np.stack(quaternion_of_halves(np.cos(halves).T, np.sin(halves).T), axis=-1))
+    return out.array()
 
 
 def clipped_at_extreme(values: Array) -> int:
     """Samples of (n, 3) that stand exactly at an axis' extreme, where that is above 3 g and hit three times or more."""
     total = 0
-    for axis in np.abs(values).T:
+    for k in range(values.shape[1]):
+        axis = np.abs(values[:, k])
         known = axis[np.isfinite(axis)]
         if known.size and known.max() >= _CLIP_AT_M_S2:
             hits = int((known == known.max()).sum())
@@ -175,7 +181,7 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
     if t_s.size:
-        return Series(t_s, values, source)
+        return Series(spilled(t_s), spilled(values), source)
     return None
 
 
@@ -204,7 +210,13 @@ def believable(t_s: Array) -> Array:
 
 def smallest_step(values: Array) -> float:
     """The grid that (n,) values stand on, 0 where there is none to be seen."""
-    distinct = np.unique(values[np.isfinite(values)][:_STEP_SAMPLES])
+    known = np.empty(0)
+    for rows in blocks(len(values)):
+        part = values[rows]
+        known = np.concatenate([known, part[np.isfinite(part)]])
+        if len(known) >= _STEP_SAMPLES:
+            break
+    distinct = np.unique(known[:_STEP_SAMPLES])
     if distinct.size < 10:
         return 0.0  # too few to tell a grid from chance
     steps = np.diff(distinct)
@@ -241,15 +253,26 @@ def mounting(q: Array) -> tuple[float, float, float, float]:
 
 def unflipped(q: Array) -> Array:
     """Quaternions (n, 4) of length 1 without sign jumps from one to the next, so that they can be interpolated."""
+    out = Spool(np.float64, (4,))
+    last = np.empty((0, 4))
+    sign = 1.0
+    for rows in blocks(len(q)):
+        own = _of_length_1(q[rows])
+        known = ~np.isnan(own[:, 0])
+        # With the last one before them, so that the sign goes on.
+        chain = np.concatenate([last, own[known]])
+        dots = np.einsum("ij,ij->i", chain[1:], chain[:-1])
+        signs = sign * np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
+        if known.any():
+            own[known] *= signs[len(last) :, None]
+            last = chain[-1:]
+            sign = float(signs[-1])
+        out.append(own)
+    return out.array()
+
+
+def _of_length_1(q: Array) -> Array:
+    """Quaternions (n, 4) of length 1, NaN for what is none."""
     norm = np.linalg.norm(np.where(np.abs(q) < 2.0, q, np.nan), axis=1, keepdims=True)
     sound = (norm > 0.9) & (norm < 1.1)
-    q = np.where(sound, q / np.where(sound, norm, 1.0), np.nan)
-    known = ~np.isnan(q[:, 0])
-    dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
-    if known.any():
-        signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
-    else:
-        signs = np.empty(0)
-    out = q.copy()
-    out[known] *= signs[:, None]
-    return out
+    return np.where(sound, q / np.where(sound, norm, 1.0), np.nan)

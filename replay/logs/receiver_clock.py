@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from replay.logs.tlog import places_of
+from replay.spill import Spool, spans, spilled
+
 Micros = NDArray[np.int64]
 _STEP_US = 500_000
 """Links seldom hold messages back for half a second."""
@@ -32,11 +35,14 @@ def clock_steps(arrival_us: Micros, place: Micros, stamp_us: Micros) -> list[Clo
     ``stamp_us``: their boot times, shape (m,). A step is a jump of the smallest (arrival - stamp) that lasts.
     A clock that is set back shows it, unless the link paused for longer; otherwise the link has caught up.
     """
-    latency_us = arrival_us[place] - stamp_us
-    newest_us = np.maximum.accumulate(stamp_us)
+    latency = Spool(np.int64)
+    for rows in spans(place):
+        latency.append(arrival_us[place[rows]] - stamp_us[rows])
+    latency_us = latency.array()
+    newest_us = spilled(np.maximum.accumulate(stamp_us))
     starts = [0]
-    jumps = np.diff(latency_us)
-    for start in (np.flatnonzero(np.abs(jumps) > _STEP_US) + 1).tolist():
+    jumps = places_of(latency_us, lambda steps: np.abs(steps) > _STEP_US)
+    for start in (jumps + 1).tolist():
         end = _end_of_window(newest_us, start)
         by_us = _change(latency_us, newest_us, starts[-1], start, end)
         gone_back = np.diff(arrival_us[place[start - 1] : place[start] + 1]).min() < 0
@@ -55,6 +61,8 @@ def clock_steps(arrival_us: Micros, place: Micros, stamp_us: Micros) -> list[Clo
 
 def without_steps(arrival_us: Micros, steps: list[ClockStep]) -> Micros:
     """Stamps (n,) of a clock that was never set."""
+    if not steps:
+        return arrival_us
     steady_us = arrival_us.copy()
     for step in steps:
         steady_us[step.place :] -= step.by_us

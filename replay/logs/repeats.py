@@ -7,6 +7,8 @@ links, and how far behind the second is. What has no stamp is a repeat where it 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_frames import cut
 from replay.logs.tlog import Tlog
+from replay.spill import BLOCK, Spool, blocks, spans
 
 _UNIQUE = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED")
 """Sent once for every boot stamp."""
@@ -21,6 +24,8 @@ _FEW = 10
 """A link may deliver a frame again now and then."""
 _LONGEST_MS = 10_000
 """Links never delay by ten seconds; what comes later is another recording, joined."""
+_SHORTEST_MS = 0.1
+"""No message is sent ten thousand times a second."""
 _MOST = 0.99
 """Share of the repeats that show how far the second link is behind."""
 
@@ -66,19 +71,34 @@ def _frames_behind(log: Tlog) -> int | None:
 
 def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np.int64]:
     """Frames between the messages at ``index`` and their repeats, of those that a second link explains."""
+    stamps = Spool(np.uint32)
+    for rows in spans(index):
+        stamps.append(log.records(message_id, index[rows])["time_boot_ms"])
+    distinct = np.unique(stamps.array())
+    period_ms = (distinct[-1] - distinct[0]) / max(len(distinct) - 1, 1)
+    # Between a message and its repeat lie others, and the repeats of others.
+    apart = math.floor(2 * _LONGEST_MS / max(period_ms, _SHORTEST_MS))
+    found = [np.empty(0, np.int64)]
+    for rows in blocks(len(index), max(BLOCK, 4 * apart)):
+        own = index[rows.start : rows.stop + apart]
+        first, repeat = _same(log, message_id, own)
+        near = (repeat - first <= apart) & (first < rows.stop - rows.start)
+        first = own[first[near]]
+        repeat = own[repeat[near]]
+        # A vehicle that starts again counts from the same stamps; that takes longer than a link delays.
+        apart_us = np.abs(log.arrival_us[repeat] - log.arrival_us[first])
+        found.append((repeat - first)[apart_us < _LONGEST_MS * 1000])
+    return np.concatenate(found)
+
+
+def _same(
+    log: Tlog, message_id: int, index: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which of the messages (n,) are alike: numbers of the one and of the next of its content, each (m,)."""
     records = log.records(message_id, index)
     content = records.view(np.uint8).reshape(len(records), -1)
     content = np.ascontiguousarray(np.column_stack([log.system[index], content]))
     _, group = np.unique(content.view(f"V{content.shape[1]}").reshape(-1), return_inverse=True)
     order = np.argsort(group, kind="stable")
     again = np.diff(group[order]) == 0
-    first = order[:-1][again]
-    repeat = order[1:][again]
-    stamps = np.unique(records["time_boot_ms"])
-    period_ms = (stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1)
-    # Between a message and its repeat lie others, and the repeats of others.
-    near = (repeat - first) * period_ms <= 2 * _LONGEST_MS
-    # A vehicle that starts again counts from the same stamps; that takes longer than a link delays.
-    apart_us = np.abs(log.arrival_us[index[repeat]] - log.arrival_us[index[first]])
-    near &= apart_us < _LONGEST_MS * 1000
-    return np.asarray((index[repeat] - index[first])[near])
+    return order[:-1][again], order[1:][again]

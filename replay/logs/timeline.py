@@ -23,7 +23,8 @@ from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_layout import Layout
 from models.common.errors import LogError
 from replay.logs.receiver_clock import Micros, clock_steps, without_steps
-from replay.logs.tlog import Tlog, outliers
+from replay.logs.tlog import Tlog, outliers, places_of
+from replay.spill import Spool, blocks, picked, spans, spilled
 
 _WINDOW_US = 2_000_000
 """In two seconds some message passes a link without delay, and two clocks drift apart by less than 0.2 ms (100 ppm)."""
@@ -41,6 +42,7 @@ _UNIX_US = 10**15
 """Above, a stamp counts from 1970 (1e15 us is 2001), not from boot (32 years)."""
 _WRAP_MS = 2**32
 """time_boot_ms has 32 bits."""
+_WRAPS_US = {Stamp.BOOT_MS: _WRAP_MS * 1000, Stamp.BOOT_US32: 2**32}
 _PAUSE_MS = 3_600_000
 """A wrap is seen across a pause of an hour at most. Nobody reboots within that of 49.7 days."""
 
@@ -50,11 +52,14 @@ class Envelope:
 
     def __init__(self, place: Micros, axis_us: Micros, difference_us: Micros) -> None:
         """Of messages in file order: their places, times that set the windows, and differences, each of shape (m,)."""
-        window = (axis_us - axis_us.min()) // _WINDOW_US
-        order = np.argsort(window, kind="stable")
-        _, first = np.unique(window[order], return_index=True)
-        smallest = np.minimum.reduceat(difference_us[order], first)
-        middle = np.add.reduceat(place[order], first) / np.diff([*first.tolist(), len(order)])
+        origin = axis_us.min()
+        parts = []
+        for rows in blocks(len(place)):
+            window = (axis_us[rows] - origin) // _WINDOW_US
+            once = np.ones(len(window), np.int64)
+            parts.append(_by_window(window, difference_us[rows], place[rows], once))
+        _, smallest, places, count = _by_window(*map(np.concatenate, zip(*parts, strict=True)))
+        middle = places / count
         in_file = np.argsort(middle)
         smallest = smallest[in_file]
         if len(smallest) > 2:
@@ -70,16 +75,32 @@ class Envelope:
         return np.asarray(self._origin + np.rint(fine).astype(np.int64))
 
 
+def _by_window(
+    window: Micros, smallest: Micros, places: Micros, count: Micros
+) -> tuple[Micros, Micros, Micros, Micros]:
+    """Rows (m,) of the same window as one: its number, the smallest difference, the sum of places, the count."""
+    order = np.argsort(window, kind="stable")
+    numbers, first = np.unique(window[order], return_index=True)
+    return (
+        numbers,
+        np.minimum.reduceat(smallest[order], first),
+        np.add.reduceat(places[order], first),
+        np.add.reduceat(count[order], first),
+    )
+
+
 def boots(log: Tlog, system: int) -> Iterator[tuple[Tlog, BootAxis]]:
     """The frames of each boot of a vehicle, and their time axis. Raises LogError where there is no stamp to believe."""
     place, stamp_ms = _main_stamps(log, system)
-    following = np.pad(stamp_ms[1:], (0, _DECIDING), constant_values=-1)
-    highest_next = sliding_window_view(following, _DECIDING)[: len(stamp_ms) - 1].max(axis=1)
-    starts = place[1:][stamp_ms[:-1] - highest_next > _BACK_MS]
+    back = places_of(stamp_ms, lambda steps: steps < -_BACK_MS)
+    following = np.minimum(back[:, None] + np.arange(1, _DECIDING + 1), len(stamp_ms) - 1)
+    lasting = back[stamp_ms[back] - stamp_ms[following].max(axis=1) > _BACK_MS]
+    starts = place[lasting + 1]
     for first, end in itertools.pairwise([0, *starts.tolist(), len(log)]):
         i, j = np.searchsorted(place, (first, end))
         part = log.part(first, end)
-        yield part, BootAxis(part, system, place[i:j] - first, stamp_ms[i:j] * 1000)
+        own = place[i:j] - first if first else place[i:j]
+        yield part, BootAxis(part, system, own, spilled(stamp_ms[i:j] * 1000))
 
 
 def steady(log: Tlog, system: int) -> Tlog:
@@ -90,19 +111,57 @@ def steady(log: Tlog, system: int) -> Tlog:
     if (log.component == OWN_COMPONENT).any():
         return log
     try:
-        parts = [
-            without_steps(part.arrival_us, axis.clock_steps) for part, axis in boots(log, system)
-        ]
+        arrival_us = Spool(np.int64)
+        for part, axis in boots(log, system):
+            arrival_us.append(without_steps(part.arrival_us, axis.clock_steps))
     except LogError:  # without a boot stamp nothing shows a step
         return log
-    return replace(log, arrival_us=np.concatenate(parts))
+    return replace(log, arrival_us=arrival_us.array())
 
 
 def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
     """Boot stamps of the autopilot in file order, damaged ones out and the wraps of 32 bits undone: places (n,) of
     their frames, milliseconds (n,)."""
-    places = []
-    stamps = []
+    places = Spool(np.int64)
+    stamps = Spool(np.int64)
+    for rows in blocks(len(log)):
+        found, stamp_ms = _stamps_in(log.part(rows.start, rows.stop), system)
+        places.append(found + rows.start)
+        stamps.append(stamp_ms)
+    place = places.array()
+    stamp = stamps.array()
+    if not place.size:
+        raise LogError(
+            f"{log.path}: no stamped message of the autopilot (system {system}), such as "
+            "ATTITUDE: no time axis"
+        )
+    good = stamp > 0
+    back = places_of(picked(stamp, good), lambda steps: steps < -_BACK_MS)
+    if len(back) > _TWO_CLOCKS * len(stamp):
+        raise LogError(
+            f"{log.path}: two autopilots send as system {system}, each with its own boot clock: "
+            "give each vehicle its own number (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID) and record "
+            "again"
+        )
+    good[outliers(stamp, _BACK_MS)] = False
+    place = picked(place, good)
+    stamp = picked(stamp, good)
+    if not place.size:
+        raise LogError(
+            f"{log.path}: no believable boot time in the autopilot's messages: no time axis"
+        )
+    wraps = places_of(stamp, lambda steps: steps < _PAUSE_MS - _WRAP_MS)
+    if len(wraps):
+        stamp = stamp.copy()
+        for wrap in wraps.tolist():
+            stamp[wrap + 1 :] += _WRAP_MS
+    return place, stamp
+
+
+def _stamps_in(log: Tlog, system: int) -> tuple[Micros, Micros]:
+    """Places (n,) and boot stamps (n,) [ms] of the autopilot's stamped messages, in file order."""
+    places = [np.empty(0, np.int64)]
+    stamps = [np.empty(0, np.int64)]
     for layout in LAYOUTS.values():
         if layout.stamp is not Stamp.BOOT_MS:
             continue
@@ -111,33 +170,9 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
         if index.size:
             places.append(index)
             stamps.append(log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
-    if not places:
-        raise LogError(
-            f"{log.path}: no stamped message of the autopilot (system {system}), such as "
-            "ATTITUDE: no time axis"
-        )
     place = np.concatenate(places)
-    stamp = np.concatenate(stamps)
     order = np.argsort(place)
-    place = place[order]
-    stamp = stamp[order]
-    good = stamp > 0
-    if (np.diff(stamp[good]) < -_BACK_MS).sum() > _TWO_CLOCKS * len(stamp):
-        raise LogError(
-            f"{log.path}: two autopilots send as system {system}, each with its own boot clock: "
-            "give each vehicle its own number (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID) and record "
-            "again"
-        )
-    good[outliers(stamp, _BACK_MS)] = False
-    place = place[good]
-    stamp = stamp[good]
-    if not place.size:
-        raise LogError(
-            f"{log.path}: no believable boot time in the autopilot's messages: no time axis"
-        )
-    wraps = np.diff(stamp) < _PAUSE_MS - _WRAP_MS
-    stamp[1:] += np.cumsum(wraps) * _WRAP_MS
-    return place, stamp
+    return place[order], np.concatenate(stamps)[order]
 
 
 class BootAxis:
@@ -147,54 +182,105 @@ class BootAxis:
         """``place``: of the autopilot's stamped frames, shape (m,); ``stamp_us``: their boot times, shape (m,)."""
         self._log = log
         self._system = system
-        self._ours = (log.component == AUTOPILOT_COMPONENT) & (log.system == system)
         self.clock_steps = clock_steps(log.arrival_us, place, stamp_us)
-        self._received_us = self._received(place, stamp_us)
+        steps = sorted(self.clock_steps, key=lambda step: step.place)
+        self._step_places = np.array([step.place for step in steps], np.int64)
+        self._moved_us = np.cumsum([0, *(step.by_us for step in steps)])
+        self._place = place
+        self._newest_us = spilled(np.maximum.accumulate(stamp_us))
+        late_us = Spool(np.int64)
+        for rows in spans(place):
+            late_us.append(self._arrival(place[rows]) - stamp_us[rows])
+        self._offset = Envelope(place, stamp_us, late_us.array())
         self.stamps_repaired = 0
 
-    def _received(self, place: Micros, stamp_us: Micros) -> Micros:
-        """Boot time of every frame (n,) as if it had arrived without delay."""
-        arrival_us = without_steps(self._log.arrival_us, self.clock_steps)
-        everywhere = np.arange(len(self._log))
-        offset_us = Envelope(place, stamp_us, arrival_us[place] - stamp_us).at(everywhere)
-        by_arrival = arrival_us - offset_us
-        newest_us = np.maximum.accumulate(stamp_us)
-        following = np.searchsorted(place, everywhere)
+    def _arrival(self, index: Micros) -> Micros:
+        """Arrivals (n,) by a clock that was never set."""
+        before = np.searchsorted(self._step_places, index, side="right")
+        return np.asarray(self._log.arrival_us[index] - self._moved_us[before])
+
+    def _ours(self, index: Micros) -> NDArray[np.bool_]:
+        """Which frames (n,) are of the autopilot."""
+        own = self._log.component[index] == AUTOPILOT_COMPONENT
+        return np.asarray(own & (self._log.system[index] == self._system))
+
+    def _received(self, index: Micros) -> Micros:
+        """Boot times of frames (n,) as if they had arrived without delay."""
+        out = np.empty(len(index), np.int64)
+        for rows in blocks(len(index)):
+            out[rows] = self._received_in(index[rows])
+        return out
+
+    def _received_in(self, index: Micros) -> Micros:
+        by_arrival = self._arrival(index) - self._offset.at(index)
+        # The stamped frames around these are all that places them.
+        first = max(int(np.searchsorted(self._place, index.min())) - 1, 0)
+        end = int(np.searchsorted(self._place, index.max())) + 2
+        place = self._place[first:end]
+        newest_us = self._newest_us[first:end]
+        following = np.searchsorted(place, index)
         unbounded = np.iinfo(np.int64)
         earliest = np.insert(newest_us, 0, unbounded.min // 2)[following]
         latest = np.append(newest_us, unbounded.max // 2)[following]
-        slack_us = np.where(self._ours, _SAMPLED_US, _AGREE_US)
+        slack_us = np.where(self._ours(index), _SAMPLED_US, _AGREE_US)
         believed = (by_arrival >= earliest - slack_us) & (by_arrival <= latest + slack_us)
-        by_place = np.rint(np.interp(everywhere, place, newest_us)).astype(np.int64)
+        by_place = np.rint(np.interp(index, place, newest_us)).astype(np.int64)
         return np.maximum(np.where(believed, by_arrival, by_place), 0)
 
     def times(
         self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None
     ) -> NDArray[np.float64]:
         """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
-        received = self._received_us[index]
-        if layout.stamp is None or stamps is None:
-            return np.asarray(received / 1e6)
-        stamp = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
-        if layout.stamp is Stamp.BOOT_MS:
-            stamp *= 1000
-        wrap = {Stamp.BOOT_MS: _WRAP_MS * 1000, Stamp.BOOT_US32: 2**32}.get(layout.stamp)
-        if wrap is not None:
-            stamp += np.rint((received - stamp) / wrap).astype(np.int64) * wrap
+        out = Spool(np.float64)
+        astray: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
+        for rows in spans(index):
+            received = self._received(index[rows])
+            if layout.stamp is None or stamps is None:
+                out.append(received / 1e6)
+                continue
+            stamp = _unwrapped(layout, stamps[rows], received)
+            near = (np.abs(stamp - received) <= _AGREE_US) & (stamp > 0)
+            direct = self._ours(index[rows]) & near
+            out.append(np.where(direct, stamp, received) / 1e6)
+            astray.append(rows.start + np.flatnonzero(~direct))
+        others = np.concatenate(astray)
+        times = out.array()
+        if stamps is None or not len(others):
+            return times
+        times = times.copy()
+        times[others] = self._of_others(layout, index[others], stamps[others]) / 1e6
+        return times
+
+    def _of_others(
+        self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64]
+    ) -> Micros:
+        """Boot times (n,) of messages whose stamps are not of the autopilot's clock, or damaged."""
+        received = self._received(index)
+        stamp = _unwrapped(layout, stamps, received)
         component = self._log.component[index]
-        direct = self._ours[index] & (np.abs(stamp - received) <= _AGREE_US) & (stamp > 0)
-        out = np.where(direct, stamp, received)
-        for key in np.unique(component[~direct]):
-            rows = np.flatnonzero(~direct & (component == key) & (stamp > 0))
+        out = received.copy()
+        for key in np.unique(component):
+            rows = np.flatnonzero((component == key) & (stamp > 0))
             if not rows.size or (key == AUTOPILOT_COMPONENT and not (stamp[rows] > _UNIX_US).all()):
                 self.stamps_repaired += int(rows.size)
                 continue
             out[rows] = self._moved(index[rows], stamp[rows])
-        return np.asarray(out / 1e6)
+        return out
 
     def _moved(self, place: Micros, stamp_us: Micros) -> Micros:
         """Stamps (n,) of another clock on the boot axis; one that its arrival contradicts is placed by its arrival."""
-        received = self._received_us[place]
+        received = self._received(place)
         moved = stamp_us + Envelope(place, received, received - stamp_us).at(place)
         agrees = np.abs(moved - received) <= _AGREE_US
         return np.maximum(np.where(agrees, moved, received), 0)
+
+
+def _unwrapped(layout: Layout, stamps: NDArray[np.uint64], received: Micros) -> Micros:
+    """Stamps (n,) of the wire in microseconds, as near to ``received`` as the bits that they lack allow."""
+    stamp = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
+    if layout.stamp is Stamp.BOOT_MS:
+        stamp *= 1000
+    if layout.stamp in _WRAPS_US:
+        wrap = _WRAPS_US[layout.stamp]
+        stamp += np.rint((received - stamp) / wrap).astype(np.int64) * wrap
+    return stamp

@@ -7,7 +7,7 @@ repaired from their neighbours. What was dropped or repaired is counted (``Repor
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.file_frames import STAMP_BYTES, cut_file, message_ids
-from companion.mavlink.wire_frames import V2, Counts, frame_bytes
+from companion.mavlink.file_frames import STAMP_BYTES, FileFrames, message_ids
+from companion.mavlink.wire_frames import V2, Content, Counts, frame_bytes
 from companion.mavlink.wire_layout import wire_format
 from models.common.errors import LogError
 from replay.logs.files import read_file
+from replay.spill import BLOCK, Spool, blocks, release, spans, spilled
 
 GROUND_STATION = 190
 """MAV_COMP_ID_MISSIONPLANNER."""
@@ -68,7 +69,7 @@ class Tlog:
     """A walked file. All arrays have shape (n,), one place per good frame in file order."""
 
     path: Path
-    data: bytes = field(repr=False)
+    data: Content = field(repr=False)
     start: NDArray[np.int64]
     """Offset of the frame's first byte (the magic)."""
     arrival_us: NDArray[np.int64]
@@ -97,29 +98,40 @@ class Tlog:
 
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """(arrival stamp [us], frame) in file order."""
-        for arrival, i in zip(self.arrival_us, self.start, strict=True):
-            yield int(arrival), self.data[i : i + frame_bytes(self.data, i)]
+        for rows in blocks(len(self)):
+            places = zip(self.arrival_us[rows].tolist(), self.start[rows].tolist(), strict=True)
+            for arrival, i in places:
+                yield arrival, self.data[i : i + frame_bytes(self.data, i)]
 
     def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
         """Places of the frames of one message, of one system if given."""
-        match = self.message_id == message_id
-        if system is not None:
-            match &= self.system == system
-        return np.flatnonzero(match)
+        found = [np.empty(0, np.int64)]
+        for rows in blocks(len(self)):
+            match = self.message_id[rows] == message_id
+            if system is not None:
+                match &= self.system[rows] == system
+            found.append(rows.start + np.flatnonzero(match))
+        return np.concatenate(found)
 
     def records(self, message_id: int, indices: NDArray[np.int64]) -> NDArray[Any]:
         """Payloads of the frames at ``indices``, all of one message, zero-padded: array of its wire format."""
         dtype = wire_format(message_id).dtype
         raw = np.zeros((len(indices), dtype.itemsize), np.uint8)
         bytes_ = np.frombuffer(self.data, np.uint8)
-        start = self.start[indices]
+        for part in spans(indices):
+            self._fill(raw[part], bytes_, self.start[indices[part]])
+        return raw.view(dtype).reshape(-1)
+
+    def _fill(
+        self, raw: NDArray[np.uint8], bytes_: NDArray[np.uint8], start: NDArray[np.int64]
+    ) -> None:
+        """Payloads of the frames that begin at ``start`` (n,) into ``raw`` (n, bytes); what is shorter stays zero."""
         payload = start + np.where(bytes_[start] == V2, 10, 6)
-        length = np.minimum(bytes_[start + 1], dtype.itemsize)
+        length = np.minimum(bytes_[start + 1], raw.shape[1])
         for size in np.flatnonzero(np.bincount(length, minlength=1)):
             if size:
                 rows = np.flatnonzero(length == size)
                 raw[rows, :size] = sliding_window_view(bytes_, int(size))[payload[rows]]
-        return raw.view(dtype).reshape(-1)
 
     def counts(self) -> Counter[tuple[int, int, int]]:
         """How many frames of each (system, component, message id), by message id."""
@@ -141,54 +153,98 @@ class Tlog:
 def read_tlog(path: Path) -> Tlog:
     """Every frame of a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
     data = read_file(path)
-    counts = Counts()
-    found = cut_file(data, counts, STAMP_BYTES)
-    if not found.start.size:
-        raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
-    magic = found.start
     bytes_ = np.frombuffer(data, np.uint8)
-    stamps = sliding_window_view(bytes_, STAMP_BYTES)[magic - STAMP_BYTES]
-    arrival, repaired, steps = repair_stamps(stamps.view(">u8").reshape(-1).astype(np.uint64))
-    source = magic + np.where(bytes_[magic] == V2, 5, 3)
+    counts = Counts()
+    frames = FileFrames(data, counts, STAMP_BYTES)
+    start = Spool(np.int64)
+    stamps = Spool(np.int64)
+    message_id = Spool(np.int32)
+    system = Spool(np.uint8)
+    component = Spool(np.uint8)
+    for magic in _together(frames.pieces()):
+        source = magic + np.where(bytes_[magic] == V2, 5, 3)
+        start.append(magic)
+        stamps.append(_stamps(bytes_, magic))
+        message_id.append(message_ids(bytes_, magic))
+        system.append(bytes_[source])
+        component.append(bytes_[source + 1])
+    places = start.array()
+    if not places.size:
+        raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
+    arrival, repaired, steps = repair_stamps(stamps.array())
     report = Report(
         bad_crc=counts.bad_crc,
         unknown=counts.unknown,
         skipped_bytes=counts.skipped_bytes,
-        truncated_bytes=len(data) - found.rest,
+        truncated_bytes=len(data) - frames.rest,
         stamps_repaired=repaired,
         clock_steps=steps,
     )
     return Tlog(
         path=path,
         data=data,
-        start=magic,
-        arrival_us=arrival,
-        message_id=message_ids(bytes_, magic),
-        system=bytes_[source],
-        component=bytes_[source + 1],
+        start=places,
+        arrival_us=spilled(arrival),
+        message_id=message_id.array(),
+        system=system.array(),
+        component=component.array(),
         report=report,
     )
 
 
-def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, int]:
+def _together(pieces: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
+    """The same in pieces of at least ``BLOCK``, but for the last; what was mapped is given back after each."""
+    waiting: list[NDArray[np.int64]] = []
+    count = 0
+    for piece in pieces:
+        waiting.append(piece)
+        count += len(piece)
+        if count >= BLOCK:
+            yield np.concatenate(waiting)
+            waiting = []
+            count = 0
+            release()
+    if waiting:
+        yield np.concatenate(waiting)
+
+
+def _stamps(bytes_: NDArray[np.uint8], magic: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The receiver's stamps [us] before the frames that begin at ``magic`` (n,)."""
+    stamps = sliding_window_view(bytes_, STAMP_BYTES)[magic - STAMP_BYTES]
+    found: NDArray[np.uint64] = stamps.view(">u8").reshape(-1)
+    return np.minimum(found, _NO_STAMP).astype(np.int64)
+
+
+def repair_stamps(stamps_us: NDArray[np.int64]) -> tuple[NDArray[np.int64], int, int]:
     """Receiver stamps (n,) with the impossible ones interpolated; how many; how often the clock was set back.
 
     A stamp is impossible where it differs by more than half a second from the median of itself and its two neighbours
     on either side: gaps and lasting steps of the clock pass, single damaged stamps (back in time, year 2793) do not.
     The first and the last have neighbours on one side only: up to an hour from them, in order, is taken as a pause.
     """
-    stamps_us = np.minimum(stamps, _NO_STAMP).astype(np.int64)
     bad = outliers(stamps_us, _STAMP_TOLERANCE_US)
     bad = bad[[not _behind_a_pause(stamps_us, int(i)) for i in bad]]
-    good = np.ones(len(stamps_us), bool)
-    good[bad] = False
     if len(bad):
-        places = np.arange(len(stamps_us))
-        origin = stamps_us[good][0]
-        fitted = np.interp(places[bad], places[good], (stamps_us[good] - origin).astype(float))
+        stamps_us = stamps_us.copy()
+        # What lies between two bad ones is all that the lines through them need.
+        near = np.unique(np.clip(bad[:, None] + (-1, 1), 0, len(stamps_us) - 1))
+        good = np.setdiff1d(near, bad)
+        origin = stamps_us[np.setdiff1d(np.arange(len(bad) + 1), bad)[0]]
+        fitted = np.interp(bad, good, (stamps_us[good] - origin).astype(float))
         stamps_us[bad] = origin + np.rint(fitted).astype(np.int64)
-    set_back = int((np.diff(stamps_us) < -_STAMP_TOLERANCE_US).sum())
+    set_back = len(places_of(stamps_us, lambda steps: steps < -_STAMP_TOLERANCE_US))
     return stamps_us, len(bad), set_back
+
+
+def places_of(
+    values: NDArray[np.int64], wanted: Callable[[NDArray[np.int64]], NDArray[np.bool_]]
+) -> NDArray[np.int64]:
+    """Places of (n,) from which the step to the next is one that is ``wanted``."""
+    found = [np.empty(0, np.int64)]
+    for rows in blocks(len(values)):
+        steps = np.diff(values[rows.start : rows.stop + 1])
+        found.append(rows.start + np.flatnonzero(wanted(steps)))
+    return np.concatenate(found)
 
 
 def _behind_a_pause(stamps_us: NDArray[np.int64], i: int) -> bool:
@@ -205,11 +261,12 @@ def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:
     is nothing to compare with.
     """
     n = len(values)
-    steps = np.diff(values)
-    odd = np.flatnonzero((steps < 0) | (steps > tolerance))
+    odd = places_of(values, lambda steps: (steps < 0) | (steps > tolerance))
     if n < 5 or not odd.size:
         return np.empty(0, np.int64)
     near = np.unique(np.clip(odd[:, None] + np.arange(-2, 4), 0, n - 1))
-    padded = np.pad(values, 2, mode="reflect")
-    median = np.median(sliding_window_view(padded, 5)[near], axis=1)
+    # Beyond the ends the sequence is mirrored.
+    around = np.abs(near[:, None] + np.arange(-2, 3))
+    around = np.where(around < n, around, 2 * (n - 1) - around)
+    median = np.median(values[around], axis=1)
     return np.asarray(near[np.abs(values[near] - median) > tolerance])

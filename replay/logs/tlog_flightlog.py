@@ -16,7 +16,7 @@ from companion.mavlink.message_table import LAYOUTS, columns
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
-from companion.mavlink.wire_layout import PER_SI
+from companion.mavlink.wire_layout import PER_SI, Layout
 from models.common.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import (
@@ -35,6 +35,7 @@ from replay.logs.repeats import without_repeats
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_vehicle import VehicleChoice, choose, parameter_count, parameters
+from replay.spill import Spool, blocks, picked, spans
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _WIRE_STEP = 1.0 / PER_SI["mG"]
@@ -87,15 +88,19 @@ class _Boot:
         """Messages of the vehicle, or (``foreign``) of everyone."""
         layout = LAYOUTS[_IDS[name]]
         index = self._log.indices(layout.id, None if foreign else self._choice.system)
-        records = self._log.records(layout.id, index)
-        if layout.stamp is None:
-            stamps = None
-        else:
-            stamps = records[layout.stamp_field]
-        times = self._axis.times(layout, index, stamps)
-        return Messages(
-            name, times, {**columns(layout, records), "component": self._log.component[index]}
-        )
+        stamps = Spool(np.uint64)
+        data: dict[str, Spool] = {}
+        for rows in spans(index):
+            records = self._log.records(layout.id, index[rows])
+            if layout.stamp is not None:
+                stamps.append(records[layout.stamp_field])
+            for quantity, values in columns(layout, records).items():
+                if quantity not in data:
+                    data[quantity] = Spool(values.dtype, values.shape[1:])
+                data[quantity].append(values)
+        times = self._axis.times(layout, index, stamps.array() if layout.stamp else None)
+        found = {quantity: spool.array() for quantity, spool in data.items()}
+        return Messages(name, times, {**found, "component": self._log.component[index]})
 
     def _autopilot(self, name: str) -> Messages:
         table = self._table(name)
@@ -105,10 +110,8 @@ class _Boot:
         """All columns; ``known``: the parameters of the whole file, for what this boot does not hold."""
         beats = self._autopilot("HEARTBEAT")
         attitude, rates = self._attitude()
-        position = self._autopilot("LOCAL_POSITION_NED")
-        target = self._autopilot("ATTITUDE_TARGET")
-        command = self._table("SET_ATTITUDE_TARGET", foreign=True)
-        command = command.where(np.isin(command["target_system"], (0, self._choice.system)))
+        position, velocity = self._position()
+        thrust, target = self._target()
         vibration = self._autopilot("VIBRATION")
         gps = self._autopilot("GPS_RAW_INT")
         landed = self._autopilot("EXTENDED_SYS_STATE")
@@ -132,8 +135,8 @@ class _Boot:
             autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
             attitude=attitude,
             rates=rates,
-            position=position.series(position["position"]),
-            velocity=position.series(position["velocity"]),
+            position=position,
+            velocity=velocity,
             imus=self._imus(vibration),
             beams=self._beams(),
             rings=tuple(self._rings()),
@@ -141,9 +144,9 @@ class _Boot:
             servo_ports=servos,
             batteries=self._batteries(),
             pressures=self._pressures(),
-            thrust_command=target.series(target["thrust"]),
-            attitude_target=target.series(unflipped(target["q"])),
-            commands=command.series(np.hstack([unflipped(command["q"]), command["thrust"]])),
+            thrust_command=thrust,
+            attitude_target=target,
+            commands=self._commands(),
             wind=self._wind(),
             vibration=vibration.series(vibration["level"]),
             gps_fix=gps.series(gps["fix_type"].astype(float)),
@@ -188,7 +191,7 @@ class _Boot:
 
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""
-        stamped = np.concatenate([self._autopilot(name).t_s for name in _STAMPED])
+        stamped = np.concatenate([self._own_times(name) for name in _STAMPED])
         if stamped.size:
             times = stamped
         else:
@@ -196,6 +199,22 @@ class _Boot:
         if times.size:
             return (float(times.min()), float(times.max()))
         return (0.0, 0.0)
+
+    def _own_times(self, name: str) -> Array:
+        """Boot times (n,) of messages of the autopilot."""
+        layout = LAYOUTS[_IDS[name]]
+        index = self._log.indices(layout.id, self._choice.system)
+        times = self._axis.times(layout, index, self._stamps(layout, index))
+        return picked(times, self._log.component[index] == AUTOPILOT_COMPONENT)
+
+    def _stamps(self, layout: Layout, index: NDArray[np.int64]) -> NDArray[np.uint64] | None:
+        """The time field of messages (n,), as on the wire; None where they have none."""
+        if layout.stamp is None:
+            return None
+        stamps = Spool(np.uint64)
+        for rows in spans(index):
+            stamps.append(self._log.records(layout.id, index[rows])[layout.stamp_field])
+        return stamps.array()
 
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler = self._autopilot("ATTITUDE")
@@ -206,6 +225,20 @@ class _Boot:
             else (euler, quaternions(euler["euler"]))
         )
         return table.series(unflipped(q)), table.series(table["rates"])
+
+    def _position(self) -> tuple[Series | None, Series | None]:
+        table = self._autopilot("LOCAL_POSITION_NED")
+        return table.series(table["position"]), table.series(table["velocity"])
+
+    def _target(self) -> tuple[Series | None, Series | None]:
+        """Thrust and attitude that the autopilot is steered to."""
+        table = self._autopilot("ATTITUDE_TARGET")
+        return table.series(table["thrust"]), table.series(unflipped(table["q"]))
+
+    def _commands(self) -> Series | None:
+        table = self._table("SET_ATTITUDE_TARGET", foreign=True)
+        own = table.where(np.isin(table["target_system"], (0, self._choice.system)))
+        return own.series(np.hstack([unflipped(own["q"]), own["thrust"]]))
 
     def _imus(self, vibration: Messages) -> tuple[ImuRecord, ...]:
         out = []
@@ -360,8 +393,7 @@ class _Boot:
         table = self._autopilot("BATTERY_STATUS")
         for number in np.unique(table["id"]).tolist():
             own = table.where(table["id"] == number)
-            cells = np.hstack([own["cells"], own["more_cells"]])
-            series = _battery(own, np.nansum(cells, axis=1, keepdims=True))
+            series = _battery(own, _sums(own))
             if series is not None and np.isfinite(series.values[:, 0]).any():
                 out[f"BATTERY_STATUS id {int(number)}"] = series
         if out:
@@ -398,6 +430,15 @@ class _Boot:
             (float(t), int(severity), bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
             for t, severity, text in zip(table.t_s, table["severity"], table["text"], strict=True)
         )
+
+
+def _sums(battery: Messages) -> Array:
+    """Sums (n, 1) of the voltages of all cells."""
+    out = Spool(np.float64, (1,))
+    for rows in blocks(len(battery)):
+        cells = np.hstack([battery["cells"][rows], battery["more_cells"][rows]])
+        out.append(np.nansum(cells, axis=1, keepdims=True))
+    return out.array()
 
 
 def _battery(table: Messages, voltage: Array) -> Series | None:

@@ -6,6 +6,7 @@ import contextlib
 import io
 import itertools
 import math
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
+from companion.mavlink.wire_frames import Content
 from models.common.errors import LogError
 from models.vehicle.estimate import thrust_to_output
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
@@ -34,6 +36,7 @@ from replay.logs.columns import (
 from replay.logs.files import read_file
 from replay.logs.parameters import Row, change_notes, in_force, take_off
 from replay.logs.ulg_repair import repaired
+from replay.spill import release, spilled
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
@@ -66,6 +69,8 @@ _BODY_FRD = 12
 _ROUNDS = 16
 _SPARE = 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
+_AT_ONCE = 16 * 2**20
+"""Bytes that are read before their memory is given back."""
 _TOPICS = [
     "vehicle_attitude",
     "vehicle_angular_velocity",
@@ -97,8 +102,9 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     logs: list[FlightLog] = []
     problems: list[LogError] = []
     for start, end in itertools.pairwise([*begins, len(data)]):
+        own = data if len(begins) == 1 else data[start:end]
         try:
-            logs.append(replace(_boot(path, data[start:end], len(data)), boot=len(logs)))
+            logs.append(replace(_boot(path, own, len(data)), boot=len(logs)))
         except LogError as error:
             problems.append(error)
     if not logs:
@@ -106,23 +112,42 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     return logs
 
 
-class _Bounded(io.BytesIO):
+class _Bounded:
     """A log of which so much may be read; then EOFError. A damaged length leads pyulog back and forth for ever."""
 
-    def __init__(self, data: bytes) -> None:
-        super().__init__(data)
+    def __init__(self, data: Content) -> None:
+        self._data = data
+        self._at = 0
         self._left = _ROUNDS * len(data) + _SPARE
+        self._release_at = self._left - _AT_ONCE
 
-    def read(self, size: int | None = -1, /) -> bytes:
+    def read(self, size: int) -> bytes:
         """The next bytes, counted."""
-        data = super().read(size)
+        data = self._data[self._at : self._at + size]
+        self._at += len(data)
         self._left -= len(data)
         if self._left < 0:
             raise EOFError("a damaged length leads in circles")
+        if self._left < self._release_at:
+            self._release_at = self._left - _AT_ONCE
+            release()
         return data
 
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a place, as of a file."""
+        since = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: len(self._data)}
+        self._at = max(since[whence] + offset, 0)
+        return self._at
 
-def _boot(path: Path, data: bytes, size: int) -> FlightLog:
+    def tell(self) -> int:
+        """The place where ``read`` goes on."""
+        return self._at
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def _boot(path: Path, data: Content, size: int) -> FlightLog:
     try:
         from pyulog import ULog
     except ImportError:
@@ -130,8 +155,11 @@ def _boot(path: Path, data: bytes, size: int) -> FlightLog:
     sound = repaired(data)
     log: Any = None
     problem: Exception | None = None
-    # What still misleads pyulog lies behind the first damage.
-    for part in dict.fromkeys((sound.data, data[: sound.first_damage])):
+    parts = [sound.data]
+    if sound.first_damage < len(data):
+        # What still misleads pyulog lies behind the first damage.
+        parts.append(data[: sound.first_damage])
+    for part in parts:
         try:
             with contextlib.redirect_stdout(io.StringIO()):
                 log = ULog(_Bounded(part), _TOPICS)
@@ -149,6 +177,8 @@ def _boot(path: Path, data: bytes, size: int) -> FlightLog:
 
 
 def _topic(name: str, data: dict[str, NDArray[Any]]) -> Messages:
+    # Copies: the fields of pyulog are views of all bytes of the topic.
+    data = {field: spilled(np.ascontiguousarray(values)) for field, values in data.items()}
     stamp = data.get("timestamp_sample", data["timestamp"])
     # Some topics leave timestamp_sample at 0.
     return Messages(
@@ -190,6 +220,7 @@ class _Reader:
         for item in sorted(log.data_list, key=lambda d: d.multi_id):
             if len(item.data.get("timestamp", ())):
                 topic = _topic(item.name, item.data)
+                item.data = {}
                 self._topics.setdefault(item.name, []).append(topic)
                 self._numbered.setdefault(item.name, []).append((int(item.multi_id), topic))
         self._notes = list(notes)

@@ -11,6 +11,8 @@ import re
 import struct
 from dataclasses import dataclass
 
+from companion.mavlink.wire_frames import Content
+
 _FILE_HEADER = 16
 _HEADER = 3
 _TYPES = frozenset(b"BFIMPQAROLCSD")
@@ -35,13 +37,13 @@ _KEY_FROM = {ord("I"): 0, ord("P"): 0, ord("M"): 1, ord("Q"): 1}
 class Repaired:
     """A log without its damage."""
 
-    data: bytes
+    data: Content
     first_damage: int
     """Offset of the first damage; the length of the log where there is none."""
     notes: tuple[str, ...]
 
 
-def repaired(data: bytes) -> Repaired:
+def repaired(data: Content) -> Repaired:
     """The log itself where it is sound; else its whole messages alone, and what was lost."""
     walk = _Walk(data)
     if not walk.lost:
@@ -60,7 +62,7 @@ def repaired(data: bytes) -> Repaired:
 class _Walk:
     """One pass over the messages."""
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: Content) -> None:
         self._data = data
         self.lost: list[tuple[int, int]] = []
         """Damage as start, end."""
@@ -157,7 +159,7 @@ class _Walk:
         return out + ([f"last message cut off ({self._cut} bytes)"] if self._cut else [])
 
 
-def _appended(data: bytes) -> list[int]:
+def _appended(data: Content) -> list[int]:
     """Where data was appended after the log had been written: there a message may be cut off."""
     first = data[_FILE_HEADER : _FILE_HEADER + _FLAGS.stop]
     if len(first) < _FLAGS.stop or first[2] != _FLAG_BITS or not first[_HEADER + 8] & 1:

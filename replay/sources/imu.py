@@ -7,6 +7,7 @@ import numpy as np
 from models.common.frames import GRAVITY, Array
 from replay.flightlog import FlightLog, ImuRecord, Series
 from replay.sources.candidates import Candidate
+from replay.spill import Spool, blocks
 
 _OF_GRAVITY = (0.5, 2.0)
 """Median specific force of a flight over gravity. A hover has 1; no pilot flies half of a log at 2."""
@@ -32,10 +33,14 @@ def imus(log: FlightLog) -> list[Candidate]:
 
 def _fault(log: FlightLog, imu: ImuRecord) -> str:
     force = imu.specific_force.values
-    known = force[np.isfinite(force).all(axis=1)]
-    if not len(known):
+    norms = Spool(np.float64)
+    for rows in blocks(len(force)):
+        known = force[rows][np.isfinite(force[rows]).all(axis=1)]
+        norms.append(np.linalg.norm(known, axis=1))
+    lengths = norms.array()
+    if not len(lengths):
         return "no number"
-    over_gravity = float(np.median(np.linalg.norm(known, axis=1))) / GRAVITY
+    over_gravity = float(np.median(lengths)) / GRAVITY
     low, high = _OF_GRAVITY
     if not low <= over_gravity <= high:
         return f"measures {over_gravity:.2f} g"
@@ -55,18 +60,23 @@ def _turning(attitude: Series | None) -> Series | None:
     """Angular speed (n, 1) [rad/s] between successive attitudes, at the later one."""
     if attitude is None or len(attitude) < _FEWEST:
         return None
-    overlap = np.abs(np.einsum("ij,ij->i", attitude.values[1:], attitude.values[:-1]))
-    angle = 2.0 * np.arccos(np.clip(overlap, 0.0, 1.0))
-    speed = angle / np.diff(attitude.t_s)
-    return Series(attitude.t_s[1:], speed[:, None], attitude.source)
+    speeds = Spool(np.float64, (1,))
+    for rows in blocks(len(attitude) - 1):
+        q = attitude.values[rows.start : rows.stop + 1]
+        overlap = np.abs(np.einsum("ij,ij->i", q[1:], q[:-1]))
+        angle = 2.0 * np.arccos(np.clip(overlap, 0.0, 1.0))
+        speeds.append((angle / np.diff(attitude.t_s[rows.start : rows.stop + 1]))[:, None])
+    return Series(attitude.t_s[1:], speeds.array(), attitude.source)
 
 
 def _agreement(gyro: Series, turning: Series | None) -> float:
     """Correlation of the gyro's angular speed with the attitude's; 0 where neither is known or it opposes."""
     if turning is None or len(gyro) < _FEWEST:
         return 0.0
-    measured = np.linalg.norm(gyro.at(turning.t_s), axis=1)
-    return max(correlation(measured, turning.values[:, 0]), 0.0)
+    measured = Spool(np.float64)
+    for rows in blocks(len(turning)):
+        measured.append(np.linalg.norm(gyro.at(turning.t_s[rows]), axis=1))
+    return max(correlation(measured.array(), turning.values[:, 0]), 0.0)
 
 
 def correlation(a: Array, b: Array) -> float:

@@ -12,6 +12,7 @@ from models.vehicle.motor_outputs import CAN, DeclaredMotors, declared_motors
 from replay.flightlog import FlightLog, MotorOutputs, Series, SourceChoice, Stated
 from replay.sources.candidates import Candidate, pick
 from replay.sources.imu import correlation
+from replay.spill import blocks
 
 IDLE_US = 30.0
 """An output that never moves by more, of some 1000, drives no motor in flight."""
@@ -109,13 +110,14 @@ def _on_port(
 
 def moving_outputs(series: Series) -> set[int]:
     """Outputs, from 1, that move; 0 is no pulse."""
-    out = set()
-    for k in range(series.values.shape[1]):
-        pulses = series.values[:, k]
-        known = pulses[np.isfinite(pulses) & (pulses > 0.0)]
-        if known.size and float(np.ptp(known)) > IDLE_US:
-            out.add(k + 1)
-    return out
+    low = np.inf
+    high = -np.inf
+    for rows in blocks(len(series)):
+        pulses = series.values[rows]
+        known = np.isfinite(pulses) & (pulses > 0.0)
+        low = np.minimum(low, np.where(known, pulses, np.inf).min(axis=0))
+        high = np.maximum(high, np.where(known, pulses, -np.inf).max(axis=0))
+    return {k + 1 for k in np.flatnonzero(np.atleast_1d(high - low) > IDLE_US).tolist()}
 
 
 def _thrust(log: FlightLog) -> Series | None:

@@ -1,10 +1,12 @@
 """Peak memory of the commands on a large log.
 
-    python tests/benchmarks/large_log.py --size 2000 [--commands info export run diagnose] [--limit 3600] [--keep FILE]
+    python tests/benchmarks/large_log.py --size 2000 [--commands info table diagnose] [--limit 3600] [--keep FILE]
+    python tests/benchmarks/large_log.py --log FILE
 
 Writes one long flight of ``--size`` MB: a simulated hover of a minute again and again, with stamps that go on and
 checksums that are right. Every command runs in a process of its own; after ``--limit`` seconds it is stopped, and its
-peak so far is printed. ``--keep FILE``: the log is left there, and used again where it has the size. Needs Linux.
+peak so far is printed. ``--keep FILE``: the log is left there, and used again where it has the size. ``--log FILE``: a
+log that is there, such as one that ``repeat_log.py`` made long. ``table`` is ``export --no-decisions``. Needs Linux.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ COMMANDS = {
     "info": ["info", "{log}"],
     "run": ["run", "{log}", "--quiet"],
     "export": ["export", "{log}", "--to", "csv", "--out", "{out}", "--quiet"],
+    "table": ["export", "{log}", "--no-decisions", "--to", "csv", "--out", "{out}", "--quiet"],
     "diagnose": ["diagnose", "{log}", "--model", "none", "--quiet"],
 }
 
@@ -133,14 +136,19 @@ def main() -> int:
     p.add_argument("--commands", nargs="+", choices=sorted(COMMANDS), default=sorted(COMMANDS))
     p.add_argument("--limit", type=float, default=3600.0, metavar="S")
     p.add_argument("--keep", type=Path, metavar="FILE")
+    p.add_argument("--log", type=Path, metavar="FILE")
     p.add_argument("--json", type=Path)
     a = p.parse_args()
     out = []
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "large.tlog" if a.keep is None else a.keep
-        length_s = write_log(log, round(a.size * 1e6))
+        if a.log is not None:
+            log = a.log
+        else:
+            log = Path(folder) / "large.tlog" if a.keep is None else a.keep
+            length_s = write_log(log, round(a.size * 1e6))
+            print(f"{length_s / 3600.0:.1f} h of flight")
         size = log.stat().st_size
-        print(f"{size / 1e6:.0f} MB, {length_s / 3600.0:.1f} h of flight", flush=True)
+        print(f"{size / 1e6:.0f} MB", flush=True)
         for name in a.commands:
             command = [
                 part.format(log=log, out=Path(folder) / "out.csv") for part in COMMANDS[name]

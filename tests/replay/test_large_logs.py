@@ -201,7 +201,7 @@ def test_a_log_for_which_memory_is_too_small_is_refused_before_it_is_read(
     monkeypatch.setattr("replay.logs.files.free_bytes", lambda: 4e9)
     monkeypatch.setattr(Path, "read_bytes", lambda _: pytest.fail("was read"))
     with pytest.raises(
-        LogError, match="2 GB of log need some 12 GB of memory, 4 GB are free: cut it into parts"
+        LogError, match="2 GB of log need some 6 GB of memory, 4 GB are free: cut it into parts"
     ):
         load(path)
 

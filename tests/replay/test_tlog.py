@@ -139,10 +139,10 @@ def test_no_bytes_crash_the_walk(tmp_path_factory, data):
 def test_impossible_stamps_are_repaired_and_real_gaps_kept():
     true = EPOCH_US + np.arange(1000) * 10_000
     true[400:] += 19_000_000  # the link was gone for 19 s
-    stamps = true.copy().astype(np.uint64)
+    stamps = true.copy()
     for k, value in (
         (10, 0),
-        (200, 2**63),
+        (200, 2**62),
         (399, EPOCH_US - 10**9),
         (401, 25_980_000_000_000_000),
         (999, 5),
@@ -158,11 +158,11 @@ def test_impossible_stamps_are_repaired_and_real_gaps_kept():
 
 
 def test_a_clock_that_was_set_back_for_good_is_reported_not_repaired():
-    stamps = (EPOCH_US + np.arange(1000) * 10_000).astype(np.uint64)
-    stamps[500:] -= np.uint64(3_600_000_000)
+    stamps = EPOCH_US + np.arange(1000) * 10_000
+    stamps[500:] -= 3_600_000_000
     repaired, count, set_back = repair_stamps(stamps)
     assert (count, set_back) == (0, 1)
-    assert np.array_equal(repaired, stamps.astype(np.int64))
+    assert np.array_equal(repaired, stamps)
 
 
 @pytest.mark.parametrize("place", [0, -1])
