@@ -452,7 +452,9 @@ def main() -> int:
     mine = [f for f in flights if f["kind"] == a.kind]
     rows = air_rows(mine) if a.kind == "air" else wrong_rows(mine)
     for row in rows:
-        print(f"{row['what']:70} {row['value']:>9}  {row.get('detail', ''):60} {row.get('goal', '')}")
+        print(
+            f"{row['what']:70} {row['value']:>9}  {row.get('detail', ''):60} {row.get('goal', '')}"
+        )
     print(f"{sum(map(counts, mine))} of {len(mine)} flights count")
     for f in mine:
         if "failed" in f:
