@@ -72,6 +72,7 @@ def read(
         sensor=reading.sensor,
         heard_s=t_s,
         slant_m=slant,
+        plane_m=reading.distance_m,
         read=doubted,
         clear_since_s=clear_since_s,
     )

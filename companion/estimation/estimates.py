@@ -31,6 +31,8 @@ class BeamTrack:
     sensor: tuple[int, int] | None = None
     slant_m: float = math.nan
     """The newest reading, as sent."""
+    plane_m: float = math.nan
+    """The distance of the CG to the plane by that reading alone."""
     read: Doubt = UNREAD
     """What the next reading is compared with, and why the newest is not used."""
     jumped_from: OldPlace | None = None

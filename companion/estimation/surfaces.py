@@ -46,6 +46,10 @@ class Surface(NamedTuple):
     stepped_s: float = -math.inf
     slant_m: float = math.nan
     """What the sensor itself last read."""
+    plane_m: float = math.nan
+    """The distance by that reading alone: no velocity leads it."""
+    heard_s: float = -math.inf
+    """When it came."""
     jumped: bool = False
     """The distance jumped while the vehicle stayed where it was, and has not come back."""
 
@@ -124,6 +128,8 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
             normal_ned=beam.normal_ned,
             stepped_s=track.restarted_s,
             slant_m=beam.slant_m,
+            plane_m=beam.plane_m,
+            heard_s=beam.heard_s,
             jumped=beam.jumped_from is not None,
         )
     if beam.read.why is not None and heard <= RANGE_AGE_S:

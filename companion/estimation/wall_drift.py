@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import statistics
 from enum import Enum
 from typing import NamedTuple
 
@@ -34,6 +33,8 @@ _SAME_COS = math.cos(math.radians(15.0))
 _NEXT_S = 0.5
 _LEAP_M = 0.2
 """No vehicle beside a wall moves so far from one reading to the next: the range itself leapt."""
+_BESIDE_M = 0.12
+"""Two readings of one wall: at 0.5 m/s and ten readings a second, with their noise."""
 _LEAPS_S = 0.5
 _LEAPS_M = 0.06
 """The same for a position that leaps or is pulled away: forgotten sooner, noticed sooner."""
@@ -61,9 +62,15 @@ class WallDrift(NamedTuple):
 
     t_s: float = -math.inf
     range_m: float = math.nan
-    """The sensor's reading, without single outliers."""
-    readings_m: tuple[float, float] = (math.nan, math.nan)
-    """The last two readings."""
+    """The distance by the last reading, carried on by the position."""
+    read_m: float = math.nan
+    """The last reading that counts."""
+    outlier_m: float = math.nan
+    """A newer one that is far from it: it counts if the next is beside it."""
+    heard_s: float = -math.inf
+    """When the newest came."""
+    way_m: float = 0.0
+    """Of the position towards the wall since the last reading that counts."""
     normal_ned: Vector3 = (0.0, 0.0, 0.0)
     position_ned: Vector3 = (0.0, 0.0, 0.0)
     """As the autopilot sent it."""
@@ -160,8 +167,8 @@ def _sighted(
 ) -> WallDrift:
     """A wall seen for the first time."""
     # The track of the range is led by the velocity, which may be wrong: the reading itself counts.
-    if math.isfinite(wall.slant_m):
-        range_m = wall.slant_m
+    if math.isfinite(wall.plane_m):
+        range_m = wall.plane_m
     else:
         range_m = math.nan
     velocity = dot(position.velocity_ned, normal)
@@ -172,7 +179,8 @@ def _sighted(
     return WallDrift(
         t_s=position.t_s,
         range_m=range_m,
-        readings_m=(range_m, range_m),
+        read_m=range_m,
+        heard_s=wall.heard_s,
         normal_ned=normal,
         position_ned=minus(position.position_ned, correction),
         seen=(-range_m, velocity),
@@ -187,22 +195,32 @@ def _parted(before: WallDrift, now: WallDrift, dt: float, *, leapt: bool) -> Wal
     moved = minus(now.position_ned, before.position_ned)
     toward = dot(moved, normal)
     along = (moved[0] - toward * normal[0], moved[1] - toward * normal[1])
+    if leapt:
+        toward = 0.0
+        along = _STILL
     seen = before.seen
-    if math.isnan(now.range_m):
-        # Too near, or no echo: the position carries the range on.
-        middle = math.nan
-        closed = toward
-        now = now._replace(range_m=before.range_m - toward, readings_m=before.readings_m)
+    way = before.way_m + toward
+    reading = now.range_m
+    # Too near, no echo, nothing new, or perhaps an outlier: the position carries the range on.
+    closed = toward
+    carried = before.range_m - toward
+    if math.isnan(reading) or now.heard_s == before.heard_s:
+        counts = False
+        now = now._replace(read_m=before.read_m, outlier_m=before.outlier_m)
+    elif min(abs(reading - before.read_m), abs(reading - before.outlier_m)) <= _BESIDE_M:
+        counts = True
+        closed = before.range_m - reading
     else:
-        middle = statistics.median((*before.readings_m, now.range_m))
-        closed = before.range_m - middle
-        now = now._replace(range_m=middle, readings_m=(before.readings_m[1], now.range_m))
-    if abs(closed) > _LEAP_M:
+        counts = False
+        now = now._replace(read_m=before.read_m, outlier_m=reading)
+    if counts and abs(way) <= _LEAP_M < abs(closed - toward):
         seen = (seen[0] + closed - toward, seen[1])
         closed = toward
-    if leapt:
-        toward = closed
-        along = _STILL
+    if counts:
+        place = -reading
+    else:
+        place = math.nan
+        now = now._replace(range_m=carried, way_m=way)
     kept = max(1.0 - dt / _T_S, 0.0)
     apart = before.apart_m * kept + toward - closed
     travel = (before.travel_m[0] * kept + along[0], before.travel_m[1] * kept + along[1])
@@ -219,7 +237,13 @@ def _parted(before: WallDrift, now: WallDrift, dt: float, *, leapt: bool) -> Wal
         drifts=drifts,
         by_range=passed(before.by_range, closed, dt),
         by_position=passed(before.by_position, toward, dt),
-        seen=_watched(seen, now.gained_m_s - before.gained_m_s, -middle, dt),
+        seen=_watched(
+            seen=seen,
+            gained=now.gained_m_s - before.gained_m_s,
+            place=place,
+            dt=dt,
+            unread_s=min(now.heard_s - before.heard_s, _NEXT_S),
+        ),
     )
 
 
@@ -256,15 +280,17 @@ def _told(now: WallDrift, felt_m: float) -> Wrong | None:
 
 
 def _watched(
-    seen: tuple[float, float], gained: float, place: float, dt: float
+    *, seen: tuple[float, float], gained: float, place: float, dt: float, unread_s: float
 ) -> tuple[float, float]:
-    """One step on: x' = v + 1.4 w e, v' = a + w^2 e with the error e = ``place`` - x."""
+    """One step on: x' = v + 1.4 w e, v' = a + w^2 e with the error e = ``place`` - x.
+
+    A place that is read only now counts for the time ``unread_s`` since the last one.
+    """
     x, v = seen
+    x += (v + 0.5 * gained) * dt
+    v += gained
     if math.isfinite(place):
-        error = place - x
-    else:
-        error = 0.0
-    return (
-        x + (v + 0.5 * gained + 1.4 * _SEEN_1_S * error) * dt,
-        v + gained + _SEEN_1_S**2 * error * dt,
-    )
+        error = (place - x) * unread_s
+        x += 1.4 * _SEEN_1_S * error
+        v += _SEEN_1_S**2 * error
+    return x, v

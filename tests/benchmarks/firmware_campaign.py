@@ -353,8 +353,11 @@ def error_row(
     """Error beside that without offsets and in free air, of the seeds that flew all three."""
     off, free = others
     seeds = sorted(set(flown) & set(off) & set(free))
-    energy = [sum(flights[s][key] for s in seeds) for flights in (off, flown, free)]
-    without, with_them, in_free_air = [1000.0 * math.sqrt(e / len(seeds)) for e in energy]
+
+    def rms_mm(flights: dict[int, dict[str, float]]) -> float:
+        return 1000.0 * math.sqrt(statistics.fmean(flights[s][key] for s in seeds))
+
+    without, with_them, in_free_air = map(rms_mm, (off, flown, free))
     detail = f"without offsets {without:.1f}, in free air {in_free_air:.1f} mm, {len(seeds)} seeds"
     return figure(name, f"{with_them:.1f} mm", detail)
 

@@ -23,15 +23,34 @@ def every(k, reading):
     return reading
 
 
-def flown(truth, estimate, seconds=10.0, wall=lambda n: 0.8, resets=(), noise=0.0, read=every):
+def flown(
+    truth,
+    estimate,
+    seconds=10.0,
+    wall=lambda n: 0.8,
+    resets=(),
+    noise=0.0,
+    read=every,
+    range_every=1,
+):
     """Seconds until a drift is noticed, or None: a wall ``wall(north)`` east of the origin, places (north, east)."""
     state, rng, reset_s = NO_WALL_DRIFT, random.Random(1), -math.inf
+    plane = heard = math.nan
     for k in range(round(25.0 * seconds)):
         t = k / 25.0
         (north, east), believed = truth(t), estimate(t)
         reset_s = max([r for r in resets if r <= t], default=-math.inf)
         reading = wall(north) - east + rng.gauss(0.0, noise)
-        surface = Surface(Seen.SURFACE, reading, normal_ned=EAST, slant_m=read(k, reading))
+        if k % range_every == 0:
+            plane = read(k, reading)
+            heard = t
+        surface = Surface(
+            seen=Seen.SURFACE,
+            distance_m=reading,
+            normal_ned=EAST,
+            plane_m=plane,
+            heard_s=heard,
+        )
         sample = LocalPosition(10.0 + t, 1, 1, (*believed, -1.0), (0.0, 0.0, 0.0))
         state = compare_wall(state, surface, sample, 2.0, 10.0 + reset_s)
         if state.drifts:
@@ -121,3 +140,19 @@ def test_visual_odometry_drifts_and_leaps_back():
             off.append(math.dist(flight.estimator._odometry(), flight.estimator._seen[0]))
     assert max(off) == pytest.approx(0.02 * 5.0, rel=0.1)
     assert off[-1] < 0.01
+
+
+def test_a_range_that_leaps_is_no_drift_of_the_position():
+    def read(k, reading):
+        if k > 60:
+            return reading - 0.4
+        return reading
+
+    assert flown(still, still, read=read, noise=0.005) is None
+
+
+def test_a_quick_departure_with_ranges_ten_times_a_second_is_no_drift():
+    def place(t):
+        return (0.0, -0.5 * max(t - 2.0, 0.0) if t < 4.0 else -1.0)
+
+    assert flown(place, place, seconds=6.0, range_every=3) is None
