@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.estimation.vectors import Level, lagged
+from companion.estimation.vectors import Level, lagged, turned
 from companion.mavlink.samples import Imu
 from models.common.frames import Rows
 
@@ -38,7 +38,7 @@ def feel(felt: Felt, rows: Rows | None, sample: Imu) -> Felt:
     force = sample.specific_force_frd
     if rows is None or not all(map(math.isfinite, force)):
         return felt
-    north, east, _ = [sum(r * f for r, f in zip(row, force, strict=True)) for row in rows]
+    north, east, _ = turned(rows, force)
     dt = sample.t_s - felt.t_s
     if not 0.0 < dt <= _NEXT_S:
         return Felt(sample.t_s, (north, east))

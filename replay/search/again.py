@@ -36,7 +36,9 @@ def _once_more(walked: Walked) -> Walked | None:
     """A likelier set with one more term of an effect that it has; None where there is none."""
     best = walked.best
     sets = Sets(walked.evidence, dict(walked.fits))
-    found = [new for term in _first_ones(best) for new in _with_another(sets, best, term)]
+    found: list[Fit] = []
+    for term in _first_ones(best):
+        found += _with_another(sets, best, term)
     most = max(found, key=lambda fit: fit.score, default=best)
     # Of nearly equal sets the one with fewer terms answers.
     if most.score <= best.score + ALIAS_NATS * (len(most.terms) > len(best.terms)):

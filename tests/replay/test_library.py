@@ -34,7 +34,7 @@ def test_every_shape_is_a_term_and_shares_one_prior(library: Library) -> None:
     wind = get("wind")
     terms = [t for t in library.terms if t.name == "wind"]
     assert [t.shape for t in terms] == list(wind.shape_grid(library.records[0].context))
-    assert {t.key for t in terms} == {("wind", terms[0].flight, None)}
+    assert {t.key for t in terms} == {("wind", terms[0].flight, None, 1)}
     assert [library.terms[i] for i in library.numbers_of[terms[0].key]] == terms
 
 
