@@ -6,6 +6,7 @@ import argparse
 import gc
 import logging
 import math
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -169,6 +170,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
+    except BrokenPipeError:  # the reader of our report left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
 
 
 def scenario_name(endpoint: str) -> str:

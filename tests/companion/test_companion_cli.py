@@ -221,3 +221,19 @@ def test_an_odd_vehicle_file_is_flown_and_said(tmp_path):
     assert run.returncode == 0
     assert "odd.toml" in run.stderr
     assert "z is positive down" in run.stderr
+
+
+def test_a_reader_that_leaves_early_gets_no_traceback():
+    """As in ``companion … --compare | head -1``."""
+    program = (
+        "import companion.cli as cli\n"
+        "cli._compare = lambda arguments: print('line\\n' * 100000) or 0\n"
+        "raise SystemExit(cli.main(['--connect', 'sim:corner', '--compare']))\n"
+    )
+    writer = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert writer.stdout.readline() == "line\n"
+    writer.stdout.close()
+    errors = writer.stderr.read()
+    assert (writer.wait(HANG_S), errors) == (0, "")
