@@ -1,7 +1,8 @@
-"""Many flights on a real ArduCopter at a time: what offsets remove, and one wrong sensor at a wall.
+"""Many flights on a real firmware at a time: what offsets remove, and one wrong sensor at a wall.
 
 ``ARDUCOPTER_BIN=… python tests/benchmarks/firmware_campaign.py {air,wrong} [--first 1] [--seeds 2]
-[--jobs 1] [--only TEXT] [--json FILE] [--record DIR] [--result FILE]``. Real firmware,
+[--jobs 1] [--only TEXT] [--json FILE] [--record DIR] [--result FILE]``. With ``--px4`` it is PX4,
+and ``PX4_BIN``. Real firmware,
 simulated air (tests/firmware/rough_air.py), each flight in a network of its own. A flight takes two
 to four minutes and keeps two cores busy: no more ``--jobs`` than half the cores. With ``--json``
 flights that are in the file already are not flown again.
@@ -44,7 +45,7 @@ from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
 from own_network import in_own_network, raise_loopback
-from rig import ARDUCOPTER, Rig
+from rig import ARDUCOPTER, PX4, Rig
 from wrong_sensors import NOTHING_WRONG, Range, Wrong
 
 from companion.adapt_options import Adapt
@@ -241,15 +242,22 @@ def wrong_figures(truth: dict[str, Array], marks: dict[str, float]) -> dict[str,
     }
 
 
-def fly(kind: str, name: str, seed: int, folder: Path, model: Path | None) -> dict[str, Any]:
+def fly(
+    kind: str, name: str, seed: int, folder: Path, model: Path | None, *, px4: bool
+) -> dict[str, Any]:
     """One flight in this network: its figures and what was said."""
     case = CASES[kind][name]
+    firmware = PX4 if px4 else ARDUCOPTER
+    parameters = {}
+    for parameter, value in (case.parameters or {}).items():
+        if parameter.startswith("MC_") == px4:
+            parameters[parameter] = value
     out: dict[str, Any] = {"kind": kind, "case": name, "seed": seed}
     with Rig(
-        ARDUCOPTER,
-        os.environ[ARDUCOPTER],
+        firmware,
+        os.environ[firmware],
         folder,
-        {k: v for k, v in (case.parameters or {}).items() if not k.startswith("MC_")},
+        parameters,
         seed=seed,
         position_hz=case.position_hz,
         air=case.air,
@@ -294,13 +302,15 @@ def learned_model(records: Path, air: str, seed: int) -> Path | None:
     return model if model.exists() else None
 
 
-def fly_apart(records: Path, kind: str, name: str, seed: int) -> dict[str, Any]:
+def fly_apart(records: Path, kind: str, name: str, seed: int, *, px4: bool) -> dict[str, Any]:
     """One flight in a process and a network of its own."""
     flight = {"kind": kind, "case": name, "seed": seed, "texts": []}
     folder = folder_of(records, kind, name, seed)
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, __file__, "one", "--only", json.dumps([kind, name, seed])]
     command += ["--record", str(folder)]
+    if px4:
+        command.append("--px4")
     case = CASES[kind][name]
     if case.companion == AMENDED:
         model = learned_model(records, case.air, seed)
@@ -409,6 +419,8 @@ def asked_for(a: argparse.Namespace, *, amended: bool) -> Iterable[tuple[str, st
     """Kind, case and seed of every flight; ``amended``: those that need another one before."""
     for seed in range(a.first, a.first + a.seeds):
         for name, case in CASES[a.kind].items():
+            if a.px4 and case.set_in_flight is not None:
+                continue  # a parameter of ArduCopter
             if a.only in name and (case.companion == AMENDED) == amended:
                 yield a.kind, name, seed
 
@@ -419,6 +431,7 @@ def parser() -> argparse.ArgumentParser:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("kind", choices=[*CASES, "one"], help="one: used by the program itself")
+    p.add_argument("--px4", action="store_true", help="PX4 in place of ArduCopter")
     p.add_argument("--first", type=int, default=1, help="first seed")
     p.add_argument("--seeds", type=int, default=2, help="how many")
     p.add_argument("--jobs", type=int, default=1, help="flights at a time")
@@ -434,11 +447,12 @@ def main() -> int:
     """Fly, and print a table."""
     p = parser()
     a = p.parse_args()
-    if not os.environ.get(ARDUCOPTER):
-        p.error("ARDUCOPTER_BIN names no binary: docs/firmware.md")
+    firmware = PX4 if a.px4 else ARDUCOPTER
+    if not os.environ.get(firmware):
+        p.error(f"{firmware} names no binary: docs/firmware.md")
     if a.kind == "one":
         raise_loopback()
-        print(json.dumps(fly(*json.loads(a.only), a.record, a.model)))
+        print(json.dumps(fly(*json.loads(a.only), a.record, a.model, px4=a.px4)))
         return 0
     flights = []
     if a.json is not None and a.json.exists():
@@ -447,7 +461,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(a.jobs) as pool:
         for amended in (False, True):
             jobs = [job for job in asked_for(a, amended=amended) if job not in known]
-            asked = [pool.submit(fly_apart, a.record or Path(scratch), *job) for job in jobs]
+            records = a.record or Path(scratch)
+            asked = [pool.submit(fly_apart, records, *job, px4=a.px4) for job in jobs]
             for one in tqdm(as_completed(asked), total=len(jobs), unit="flight", file=sys.stderr):
                 flights.append(one.result())
                 if a.json is not None:

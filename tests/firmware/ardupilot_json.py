@@ -11,7 +11,7 @@ import json
 import socket
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -73,12 +73,10 @@ class JsonPhysics:
         body: type[Body] = Body,
         *,
         wrong: WrongSensors | None = None,
-        mass_times: float = 1.0,
     ) -> None:
-        """``mass_times``: of the vehicle file's mass and inertia."""
         self._body_type = body
         self._wrong = wrong or WrongSensors()
-        self._vehicle = heavier(vehicle, mass_times)
+        self._vehicle = vehicle
         self._scenario = scenario
         self._seed = seed
         self._rate_hz = 0
@@ -141,17 +139,6 @@ class JsonPhysics:
             "battery": {"voltage": b.pack.voltage_v, "current": b.pack.current_a},
             **ranges,
         }
-
-
-def heavier(vehicle: Vehicle, times: float) -> Vehicle:
-    """The vehicle with ``times`` its mass and inertia, and motors as they are."""
-    ix, iy, iz = vehicle.inertia_kgm2
-    return replace(
-        vehicle,
-        mass_kg=times * vehicle.mass_kg,
-        inertia_kgm2=(times * ix, times * iy, times * iz),
-        hover_thrust=min(0.9, times * vehicle.hover_thrust),
-    )
 
 
 def speed_frame(speeds: EscTelemetry, mav: mavlink.MAVLink) -> bytes:

@@ -8,6 +8,7 @@ Source: PX4's simulation API, docs.px4.io/main/en/simulation (MAVLink HIL messag
 
 from __future__ import annotations
 
+import contextlib
 import math
 import random
 import select
@@ -18,10 +19,12 @@ from typing import Any
 
 from body_truth import BodyTruthFile
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rough_air import RoughBody
+from wrong_sensors import WrongSensors
 
 from companion.sim.body import Body, MotorOutput
 from companion.sim.scenario import Scenario
-from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, RangeSensor
+from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, EscTelemetry, RangeSensor
 from companion.sim.world import law_of
 from models.common.errors import LinkError
 from models.vehicle import Vehicle
@@ -36,6 +39,8 @@ FIELD_NED_GAUSS = (0.2126, 0.0118, 0.4254)
 """The earth's magnetic field there (World Magnetic Model); PX4 checks strength and inclination."""
 METRES_PER_DEG = 111_319.49
 """Of latitude, and of longitude at the equator: WGS 84, 6 378 137 m of radius."""
+ESCS = 4
+"""In one ESC_STATUS."""
 ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 _IMU, _MAG, _BARO = 0x3F, 0x1C0, 0x200 | 0x800 | 0x1000
@@ -56,8 +61,15 @@ class Px4Physics:
     """Sensor messages out, actuator outputs in; owns the body. No sockets here."""
 
     def __init__(
-        self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body
+        self,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        seed: int,
+        body: type[Body] = Body,
+        *,
+        wrong: WrongSensors | None = None,
     ) -> None:
+        self._wrong = wrong or WrongSensors()
         dt = STEP_S / SUBSTEPS
         self.body = body(
             vehicle=vehicle,
@@ -71,8 +83,11 @@ class Px4Physics:
         self.ranges = [
             RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)
         ]
+        self._speeds = EscTelemetry(self.body, seed)
         self._noise = random.Random(f"hil {seed}")
         self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=51)
+        self._autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._speeds_sent = 0
         self._count = 0
         self._pwm = [1000.0] * 16
         self._release([0.0] * 16)
@@ -98,8 +113,12 @@ class Px4Physics:
         """Advance by one period under the outputs of one HIL_ACTUATOR_CONTROLS; None: as before."""
         if controls is not None:
             self._release(controls)
+        self._wrong.look(self.body)
+        if isinstance(self.body, RoughBody):
+            self.body.gust = self._wrong.wrong.gust_m_s
         for _ in range(SUBSTEPS):
             self.body.step(self._pwm)
+        self._speeds.step(self.body)
         for sensor in self.ranges:
             sensor.step(self.body)
         self._count += 1
@@ -133,8 +152,8 @@ class Px4Physics:
 
     def _gps(self) -> Any:
         b, gauss = self.body, self._noise.gauss
-        n, e, d = (v + gauss(0.0, 0.01) for v in b.position)
-        vn, ve, vd = b.velocity
+        position, (vn, ve, vd) = self._wrong.motion(b)
+        n, e, d = (v + gauss(0.0, 0.01) for v in position)
         east_m = METRES_PER_DEG * math.cos(math.radians(HOME_LAT_DEG))
         lat, lon = HOME_LAT_DEG + n / METRES_PER_DEG, HOME_LON_DEG + e / east_m
         cm = [round(100.0 * v) for v in (math.hypot(vn, ve), vn, ve, vd)]
@@ -151,12 +170,27 @@ class Px4Physics:
             14,
         )
 
+    def speeds(self) -> bytes:
+        """ESC_STATUS with the speeds of the rotors, once for each time that they were sampled; else nothing."""
+        if self._speeds.count == self._speeds_sent:
+            return b""
+        self._speeds_sent = self._speeds.count
+        rpm = [round(v) for v in self._speeds.rpm]
+        out = b""
+        for first in range(0, len(rpm), ESCS):
+            four = (rpm[first : first + ESCS] + [0] * ESCS)[:ESCS]
+            nothing = [0.0] * ESCS
+            status = mavlink.MAVLink_esc_status_message(first, self.time_us, four, nothing, nothing)
+            out += bytes(status.pack(self._autopilot))
+        return out
+
     def _range(self, i: int, sensor: RangeSensor) -> Any:
+        reading = self._wrong.range_m(sensor.sensor.target, sensor.reading_m, self.body)
         return mavlink.MAVLink_distance_sensor_message(
             self.time_us // 1000,
             round(100.0 * RANGE_MIN_M),
             round(100.0 * RANGE_MAX_M),
-            round(100.0 * sensor.reading_m),
+            round(100.0 * reading),
             mavlink.MAV_DISTANCE_SENSOR_LASER,
             i,
             sensor.sensor.orientation,
@@ -172,9 +206,11 @@ def serve(
     speed: float = 1.0,
     duration_s: float | None = None,
     truth: BodyTruthFile | None = None,
+    speeds_port: int | None = None,
 ) -> None:
     """Wait for PX4 on TCP ``port`` (0: any), then fly with it until it leaves; ``announce`` gets the port.
 
+    ``speeds_port``: UDP port of this machine that rotor speeds are sent to, as frames of MAVLink.
     Raises LinkError where the port cannot be opened.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
@@ -190,7 +226,10 @@ def serve(
         peer, _ = listener.accept()
     with peer:
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        _fly(physics, peer, speed, duration_s, truth)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as speeds:
+            if speeds_port is not None:
+                speeds.connect(("127.0.0.1", speeds_port))
+            _fly(physics, peer, speed, duration_s, truth, speeds if speeds_port else None)
 
 
 def _fly(
@@ -199,6 +238,7 @@ def _fly(
     speed: float,
     duration_s: float | None,
     truth: BodyTruthFile | None,
+    speeds: socket.socket | None,
 ) -> None:
     answers = _Answers(peer)
     due = time.monotonic()
@@ -211,9 +251,18 @@ def _fly(
         physics.step(controls)
         if truth is not None:
             truth.step()
+        if speeds is not None:
+            _send(speeds, physics.speeds())
         # No faster than the clock; a machine that is too slow stretches time rather than catching up.
         due = max(due + STEP_S / speed, time.monotonic() - 0.25)
         time.sleep(max(0.0, due - time.monotonic()))
+
+
+def _send(speeds: socket.socket, frames: bytes) -> None:
+    """Rotor speeds, where there are new ones and somebody listens."""
+    if frames:
+        with contextlib.suppress(ConnectionError):
+            speeds.send(frames)
 
 
 class _Answers:

@@ -36,6 +36,7 @@ SLOW_MACHINE = 6.0
 TAKE_OFF_M = 1.5
 SPEEDS_PORT = 14570
 """UDP: rotor speeds on their way from the physics to the companion."""
+ESC_STATUS_ID = (291).to_bytes(3, "little")
 RELAYED = 30
 """Added to the companion's port where a relay stands between it and the firmware."""
 
@@ -71,9 +72,10 @@ class Moment:
 
 
 class Relay:
-    """Between firmware and companion (UDP, 127.0.0.1): adds rotor speeds, lets some positions through.
+    """Between firmware and companion (UDP, 127.0.0.1): rotor speeds of the physics, and not all positions.
 
-    Speeds come from the physics: the firmware has none. Positions are LOCAL_POSITION_NED.
+    ArduCopter has no speeds over its interface. PX4 computes them from its outputs: its ESC_STATUS
+    is withheld. Positions are LOCAL_POSITION_NED.
     """
 
     def __init__(
@@ -98,15 +100,15 @@ class Relay:
         self._next_ms = 0.0
 
     def thinned(self, data: bytes) -> bytes:
-        """The frames of one datagram (MAVLink 2) without the positions that come too soon."""
-        if not self._period_ms:
-            return data
+        """The frames of one datagram (MAVLink 2) without speeds, and positions that come too soon."""
         out, at = b"", 0
         while at + 12 <= len(data) and data[at] == 0xFD:
             end = at + 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
             frame = data[at:end]
             at = end
-            if frame[7:10] == b"\x20\x00\x00":
+            if self._speeds is not None and frame[7:10] == ESC_STATUS_ID:
+                continue
+            if self._period_ms and frame[7:10] == b"\x20\x00\x00":
                 stamp_ms = int.from_bytes(frame[10:14], "little")
                 if stamp_ms < self._next_ms:
                     continue
@@ -213,11 +215,8 @@ class Rig:
         )
 
     def _boot(self) -> None:
-        if self.px4:
-            link = ["--px4-hil", 4560]
-        else:
-            wrong = ["--wrong", self._wrong_file, "--speeds-port", SPEEDS_PORT]
-            link = ["--ardupilot-json", 9002, *wrong]
+        link = ["--px4-hil", 4560] if self.px4 else ["--ardupilot-json", 9002]
+        link += ["--wrong", self._wrong_file, "--speeds-port", SPEEDS_PORT]
         physics = [
             sys.executable,
             Path(__file__).with_name("physics.py"),
@@ -400,8 +399,7 @@ class Rig:
                 self.set_parameter(name, value)
 
     def go_wrong(self, wrong: wrong_sensors.Wrong) -> None:
-        """What is wrong with the sensors from now on. ArduCopter only."""
-        assert not self.px4, "wrong sensors fly on ArduCopter only"
+        """What is wrong with the sensors from now on."""
         wrong_sensors.write(self._wrong_file, wrong)
 
     def set_parameter(self, name: str, value: float) -> None:
@@ -424,12 +422,10 @@ class Rig:
     def start_companion(self) -> None:
         """As a user does, at the firmware's own endpoint."""
         port = 14540 if self.px4 else 14550
-        if self._position_hz or not self.px4:
-            if self._companions == 0:
-                speeds = None if self.px4 else SPEEDS_PORT
-                relay = Relay(port, port + RELAYED, self._position_hz, speeds)
-                threading.Thread(target=relay.run, args=(lambda: self._alive,), daemon=True).start()
-            port += RELAYED
+        if self._companions == 0:
+            relay = Relay(port, port + RELAYED, self._position_hz, SPEEDS_PORT)
+            threading.Thread(target=relay.run, args=(lambda: self._alive,), daemon=True).start()
+        port += RELAYED
         self._companions += 1
         self._latest.pop(("HEARTBEAT", 191), None)  # of the one before
         name = self.folder / ("flight" if self._companions == 1 else f"flight{self._companions}")
