@@ -22,6 +22,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rough_air import RoughBody
 from wrong_sensors import WrongSensors
 
+from companion.mavlink import wire_frames
+from companion.mavlink.esc_messages import ESC_STATUS
 from companion.sim.body import Body, MotorOutput
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, EscTelemetry, RangeSensor
@@ -86,7 +88,6 @@ class Px4Physics:
         self._speeds = EscTelemetry(self.body, seed)
         self._noise = random.Random(f"hil {seed}")
         self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=51)
-        self._autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._speeds_sent = 0
         self._count = 0
         self._pwm = [1000.0] * 16
@@ -179,9 +180,9 @@ class Px4Physics:
         out = b""
         for first in range(0, len(rpm), ESCS):
             four = (rpm[first : first + ESCS] + [0] * ESCS)[:ESCS]
-            nothing = [0.0] * ESCS
-            status = mavlink.MAVLink_esc_status_message(first, self.time_us, four, nothing, nothing)
-            out += bytes(status.pack(self._autopilot))
+            volts_and_amps = [0.0] * (2 * ESCS)
+            payload = ESC_STATUS.unpacker.pack(self.time_us, *four, *volts_and_amps, first)
+            out += wire_frames.pack(ESC_STATUS.id, payload, 1, 1, self._speeds.count % 256)
         return out
 
     def _range(self, i: int, sensor: RangeSensor) -> Any:

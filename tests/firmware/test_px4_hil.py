@@ -16,7 +16,9 @@ from body_truth import BodyTruthFile
 from physics import main
 from px4_hil import HOME_ALT_M, HOME_LAT_DEG, METRES_PER_DEG, Px4Physics, _Answers, serve
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from wrong_sensors import Wrong
 
+from companion.mavlink.esc_messages import ESC_STATUS
 from companion.sim.scenario import build
 from companion.vehicles import QUAD, TANDEM
 from models.vehicle import load_vehicle
@@ -188,3 +190,28 @@ def test_a_port_in_use_is_one_line_and_exit_4(capsys):
     err = capsys.readouterr().err.strip().splitlines()
     assert len(err) == 1
     assert "--px4-hil" in err[0]
+
+
+def test_rotor_speeds_are_sent_as_the_autopilot_would_and_each_once():
+    p = physics()
+    for _ in range(100):
+        p.sensors()
+        p.step([0.4] * 16)
+    frames = p.speeds()
+    assert p.speeds() == b""
+    payload = frames[10:-2].ljust(ESC_STATUS.unpacker.size, b"\0")
+    rpm = ESC_STATUS.unpacker.unpack(payload)[1:5]
+    assert rpm == pytest.approx(p.body.rpm, rel=0.05)
+    assert min(rpm) > 1000.0
+
+
+def test_a_position_that_steps_reaches_the_autopilot_and_the_vehicle_stays():
+    p = physics()
+    told = [m for m in parsed(p.sensors()) if m.get_type() == "HIL_GPS"]
+    p._wrong.begin(Wrong(position_off_m=(0.5, 0.0, 0.0)), p.body)
+    for _ in range(25):
+        p.step(None)
+        told += [m for m in parsed(p.sensors()) if m.get_type() == "HIL_GPS"]
+    north_m = (told[-1].lat - told[0].lat) * 1e-7 * METRES_PER_DEG
+    assert north_m == pytest.approx(0.5, abs=0.08)
+    assert p.body.position[0] == pytest.approx(0.0, abs=0.01)
