@@ -34,7 +34,7 @@ OFFBOARD, POSITION, TAKEOFF = (6, 0), (3, 0), (4, 2)
 SLOW_MACHINE = 6.0
 """Wall-clock seconds allowed for each second of the autopilot."""
 TAKE_OFF_M = 1.5
-SPEEDS_PORT = 14570
+SPEEDS_PORT = 14590
 """UDP: rotor speeds on their way from the physics to the companion."""
 ESC_STATUS_ID = (291).to_bytes(3, "little")
 RELAYED = 30
