@@ -44,9 +44,13 @@ _BACK_M_S = 0.4
 """What came apart before it was noticed is taken back at most this fast."""
 _TELLS_M = 0.03
 """By so much one witness must be nearer to what was felt than the other."""
+_REVISES_M = 0.1
+"""The same, to take back that the position is wrong: the first word is of a few centimetres of motion."""
 _AGREED_S = 2.0
 """Mean over which a bias of the accelerometer is seen while range and position agree."""
 _FELT_AGE_S = 0.2
+_MOST_UNFELT_M = 0.5
+"""Where no accelerometer is heard, a range that repeats itself would drive the vehicle off without end."""
 _STILL = (0.0, 0.0)
 
 
@@ -116,13 +120,16 @@ def corrected(
     if not math.isnan(drift.anchor_m) and 0.0 <= dt <= _NEXT_S:
         normal = drift.normal_ned
         seen_m, rate = drift.seen
-        if abs(sample.t_s - felt.t_s) <= _FELT_AGE_S:
+        unfelt = abs(sample.t_s - felt.t_s) > _FELT_AGE_S
+        if not unfelt:
             rate += felt.gained[0] * normal[0] + felt.gained[1] * normal[1] - drift.gained_m_s
         old = dot(drift.correction_ned, normal)
         wanted = drift.anchor_m + seen_m + rate * dt - dot(sample.position_ned, normal)
         if drift.wrong is None:
             # The range would have the vehicle fly to the wall, and is alone with that.
             wanted = max(wanted, min(old, 0.0))
+            if unfelt:
+                wanted = min(wanted, max(old, _MOST_UNFELT_M))
         by = plus(drift.correction_ned, scaled(normal, wanted - old))
         drift = drift._replace(correction_ned=by)
         velocity = plus(velocity, scaled(normal, rate - dot(velocity, normal)))
@@ -252,8 +259,12 @@ def _anchored(
 ) -> WallDrift:
     """Who is wrong, and the place across the wall by the range; ``flown_m``: the place flown by."""
     wrong = before.wrong
-    if wrong is not Wrong.POSITION and abs(now.t_s - felt.t_s) <= _FELT_AGE_S:
-        wrong = _told(now, _felt_m(now, felt) - before.felt_off_m) or wrong
+    if abs(now.t_s - felt.t_s) <= _FELT_AGE_S:
+        if wrong is Wrong.POSITION:
+            least_m = _REVISES_M
+        else:
+            least_m = _TELLS_M
+        wrong = _told(now, _felt_m(now, felt) - before.felt_off_m, least_m) or wrong
     now = now._replace(felt_off_m=before.felt_off_m)
     if wrong is Wrong.RANGE:
         return now._replace(wrong=wrong)
@@ -268,13 +279,13 @@ def _felt_m(now: WallDrift, felt: Felt) -> float:
     return felt.place[0] * now.normal_ned[0] + felt.place[1] * now.normal_ned[1]
 
 
-def _told(now: WallDrift, felt_m: float) -> Wrong | None:
-    """Which of both is further from what was felt."""
+def _told(now: WallDrift, felt_m: float, least_m: float) -> Wrong | None:
+    """Which of both is further from what was felt, by ``least_m`` and more."""
     range_off = abs(now.by_range[1] - felt_m)
     position_off = abs(now.by_position[1] - felt_m)
-    if range_off + _TELLS_M < position_off:
+    if range_off + least_m < position_off:
         return Wrong.POSITION
-    if position_off + _TELLS_M < range_off:
+    if position_off + least_m < range_off:
         return Wrong.RANGE
     return None
 

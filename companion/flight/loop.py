@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.flight import outcome
 from companion.flight.hand_over import HandOver
@@ -18,7 +17,7 @@ from companion.flight.reports import Reports
 from companion.flight.requests import Requests
 from companion.flight.timers import Timers
 from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.message_filter import Intake, unread
+from companion.mavlink.message_filter import UNREAD, Intake
 from companion.mavlink.tlog_writer import Records
 from companion.pipeline import ready_to_leave, stopped
 from companion.telemetry.summary import Summary
@@ -51,8 +50,7 @@ class Flight:
         self._recorder = recorder
         self._arrivals = arrivals
         self._options = options
-        adapting = config.adapt is not Adapt.OFF
-        self._intake = Intake(options.target_system, unread(adapting=adapting))
+        self._intake = Intake(options.target_system, UNREAD)
         self.outbox = Outbox(link, recorder, arrivals, self._intake)
         self.pilot = Pilot(self.outbox, options.watchdog)
         self._requests = Requests(config, self.outbox, self.pilot, recorded=recorder is not None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.flight.outbox import Outbox
 from companion.flight.pilot import Pilot
@@ -53,7 +52,6 @@ class Requests:
             self._config.vehicle,
             stack,
             recorded=self._recorded,
-            adapting=self._config.adapt is not Adapt.OFF,
         )
         self.streams = StreamKeeper(wanted)
         self._pilot.say(

@@ -29,19 +29,9 @@ _ESTIMATES = frozenset(
 """What the autopilot alone may say of the vehicle: a camera or a gimbal means its own frame by the same messages."""
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
 
-_ACCELERATIONS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
-
-
-def unread(*, adapting: bool) -> frozenset[int]:
-    """Ids of messages that the pipeline does not read; some are recorded for the diagnosis.
-
-    Of these only the stamp is taken. Accelerations are read where sizes of effects are measured in flight.
-    """
-    return frozenset(
-        number
-        for number, layout in LAYOUTS.items()
-        if layout.build is None or (layout.name in _ACCELERATIONS and not adapting)
-    )
+UNREAD = frozenset(number for number, layout in LAYOUTS.items() if layout.build is None)
+"""Ids of messages that the pipeline does not read; some are recorded for the diagnosis. Of these only the stamp is
+taken."""
 
 
 def is_autopilot_heartbeat(frame: Frame) -> bool:

@@ -34,13 +34,11 @@ class Wanted(NamedTuple):
     needed: bool
 
 
-def wanted_streams(
-    vehicle: Vehicle, stack: Stack, *, recorded: bool = False, adapting: bool = False
-) -> tuple[Wanted, ...]:
+def wanted_streams(vehicle: Vehicle, stack: Stack, *, recorded: bool = False) -> tuple[Wanted, ...]:
     """What to ask for; ESC groups by the ESC numbers of the vehicle file, PX4's ESC dialect on PX4.
 
-    ``recorded``: the diagnosis will want accelerations and outputs, which control does not need (docs/autopilots.md).
-    ``adapting``: sizes of effects are measured in flight, from accelerations.
+    ``recorded``: the diagnosis will want outputs, which control does not need (docs/autopilots.md). Accelerations are
+    the witness that says which is wrong where position and wall range part.
     """
     px4 = stack is Stack.PX4
     sensors = vehicle.rangefinders
@@ -57,7 +55,7 @@ def wanted_streams(
         ("EXTENDED_SYS_STATE", 2.0, False, True),
         ("BATTERY_STATUS", 2.0, False, True),
         ("SCALED_PRESSURE", 1.0, False, True),
-        ("HIGHRES_IMU", 50.0, False, recorded or adapting),
+        ("HIGHRES_IMU", 50.0, False, True),
         ("SERVO_OUTPUT_RAW", 50.0, not vehicle.telemetered, outputs),
         ("DISTANCE_SENSOR", 25.0, True, any(not sensor.ring for sensor in sensors)),
         ("OBSTACLE_DISTANCE", 10.0, True, any(sensor.ring for sensor in sensors)),

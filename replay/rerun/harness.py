@@ -9,9 +9,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.mavlink.message_filter import Intake, unread
+from companion.mavlink.message_filter import UNREAD, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
 from companion.mavlink.wire_frames import cut
@@ -33,7 +32,7 @@ class Replay:
     """How many samples of each kind reached the pipeline."""
 
     def __post_init__(self) -> None:
-        self.intake = Intake(self.system, unread(adapting=self.config.adapt is not Adapt.OFF))
+        self.intake = Intake(self.system, UNREAD)
 
     def decisions(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Decision]:
         """The decisions on a recorded link."""

@@ -22,7 +22,7 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.mavlink.dialect import MESSAGES
-from companion.mavlink.message_filter import Intake, unread
+from companion.mavlink.message_filter import UNREAD, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
@@ -43,7 +43,7 @@ def one_round(
 ) -> float:
     """Fly the log once; returns its length [s]."""
     intake, state, clock = (
-        Intake(None, unread(adapting=config.adapt is not Adapt.OFF)),
+        Intake(None, UNREAD),
         initial_state(config),
         time.perf_counter_ns,
     )

@@ -11,6 +11,7 @@ ALWAYS = (("link_lost_10s", "ardupilot"), ("killed_restarted", "px4"))
 OFTEN = (
     ("rotors_absurd", "ardupilot"),
     ("range_down_silent", "px4"),
+    ("range_wall_frozen", "ardupilot"),
     ("rotors_frozen", "ardupilot"),
     ("link_lost_3s", "px4"),
     ("position_silent", "px4"),

@@ -12,8 +12,12 @@ from simulated import simulated
 
 from companion.control.reasons import Notice
 from companion.estimation.surfaces import Seen, Surface
-from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
+from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall, corrected
+from companion.mavlink.dialect import ID_OF
+from companion.mavlink.firmware import Stack
+from companion.mavlink.message_filter import UNREAD
 from companion.mavlink.samples import LocalPosition
+from companion.mavlink.stream_rates import wanted_streams
 from companion.sim.scenario import build
 
 EAST = (0.0, 1.0, 0.0)
@@ -156,3 +160,24 @@ def test_a_quick_departure_with_ranges_ten_times_a_second_is_no_drift():
         return (0.0, -0.5 * max(t - 2.0, 0.0) if t < 4.0 else -1.0)
 
     assert flown(place, place, seconds=6.0, range_every=3) is None
+
+
+def test_without_an_accelerometer_a_frozen_range_drives_the_vehicle_off_by_half_a_metre_at_most():
+    """The vehicle leaves the wall, the range repeats itself: nothing tells which of them is wrong."""
+    state = NO_WALL_DRIFT
+    surface = Surface(seen=Seen.SURFACE, distance_m=0.5, normal_ned=EAST, plane_m=0.5)
+    for k in range(250):
+        t = 10.0 + k / 25.0
+        sent = LocalPosition(t, 1, 1, (0.0, -0.2 * (t - 10.0), -1.0), (0.0, -0.2, 0.0))
+        state, flown_by = corrected(state, sent)
+        state = compare_wall(
+            state, surface._replace(heard_s=t), flown_by, near_m=2.0, reset_s=-math.inf
+        )
+    assert state.wrong is None
+    assert state.correction_ned[1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_accelerations_are_asked_for_and_read_whether_or_not_sizes_are_measured():
+    imu = ID_OF["HIGHRES_IMU"]
+    assert imu in {w.message_id for w in wanted_streams(vehicle(), Stack.PX4)}
+    assert imu not in UNREAD
