@@ -78,9 +78,9 @@ def flown_ramp(
 def test_a_ramp_that_stops_at_the_wall_is_overshot_by_less_than_3_cm(px4, mask):
     seen = flown_ramp(mask, px4=px4)
     assert max(past for _, past in seen) < 0.03
-    assert (
-        next(t for t, past in seen if past > -0.05) < 1.3
-    )  # 0.3 s where the target's leaps are flown as they come
+    # A place that comes with its velocity is followed more closely.
+    within_s = 1.3 if mask == POSITION_ONLY else 0.6
+    assert next(t for t, past in seen if past > -0.05) < within_s
     assert abs(seen[-1][1]) < 0.03
 
 
