@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, correlate, sosfiltfilt
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from sources.clone import read
 
 from models.common.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
@@ -87,7 +87,7 @@ def _read(clone: Path, path: str) -> dict[str, Array]:
     except ImportError:
         raise SystemExit("skipped: reading parquet needs pyarrow: pip install pyarrow") from None
     wanted = [*PLACE, *SPEED, *TURN, *POSE, *FELT, *MOTORS]
-    data = io.BytesIO(git(clone, "show", f"{COMMIT}:{path}"))
+    data = io.BytesIO(read(clone, COMMIT, path))
     table = parquet.read_table(data, columns=wanted, use_threads=False)
     return {key: np.asarray(table[key].to_numpy(), dtype=float) for key in wanted}
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from result_file import add_option, figure, write_result
-from snapshot import git
+from sources.clone import read
 
 from models.common.frames import Array
 
@@ -61,7 +61,7 @@ class Flight:
 def flight(clone: Path, controller: str, wind: str) -> Flight:
     """One flight of the clone."""
     name = f"{FOLDER}/custom_figure8_{controller}_{wind}.csv"
-    text = git(clone, "show", f"{COMMIT}:{name}").decode()
+    text = read(clone, COMMIT, name).decode()
     csv.field_size_limit(sys.maxsize)
     rows = list(csv.DictReader(io.StringIO(text)))
     place = _vectors(rows, "p")

@@ -10,18 +10,17 @@ is told for the one left out. Where NeuroBEM's figures are not reproduced within
 from __future__ import annotations
 
 import argparse
-import io
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from neurobem_logs import (
-    COMMIT,
+from result_file import add_option, figure, write_result
+from scipy.spatial.transform import Rotation
+from sources.neurobem import (
     FLIGHTS,
     FLIP,
-    FOLDER,
     FORWARD_M,
     INERTIA,
     MASS_KG,
@@ -35,12 +34,9 @@ from neurobem_logs import (
     THRUST_PER_SPEED2,
     TIME,
     VELOCITY,
+    rows_of,
 )
-from neurobem_logs import FORCE as SPECIFIC_FORCE
-from result_file import add_option, figure, write_result
-from scipy.io import loadmat
-from scipy.spatial.transform import Rotation
-from snapshot import git
+from sources.neurobem import FORCE as SPECIFIC_FORCE
 
 from models.air_state import blank_state
 from models.common.frames import Array
@@ -116,9 +112,7 @@ def segments(clone: Path) -> list[Segment]:
     """The six flights at 400 Hz."""
     out = []
     for name in FLIGHTS:
-        data = git(clone, "show", f"{COMMIT}:{FOLDER}/bemnn{name}.mat")
-        rows = np.asarray(loadmat(io.BytesIO(data))[f"bemnn{name}"], dtype=float)
-        out.append(_segment(name, rows))
+        out.append(_segment(name, rows_of(clone, name)))
     return out
 
 

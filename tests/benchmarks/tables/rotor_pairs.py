@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from result_file import add_option, figure, write_result
 from scipy.optimize import curve_fit
-from snapshot import git
+from sources.clone import read
 
 from models.common.frames import Array
 
@@ -87,7 +87,7 @@ def main() -> int:
     a = parser.parse_args()
     if not a.clone.is_dir():
         raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
-    every = curves(git(a.clone, "show", f"{COMMIT}:{FILE}").decode())
+    every = curves(read(a.clone, COMMIT, FILE).decode())
     height, ratio = every[COPLANAR]
     classic = rmse(bennett(height) - ratio)
     if abs(classic - KNOWN_BENNETT) > ALLOWED * KNOWN_BENNETT:

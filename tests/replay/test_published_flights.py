@@ -1,16 +1,20 @@
-"""Logs of others' repositories: taken out of a clone as their table says, or written from their motion."""
+"""Flights that others published: taken out of a clone as their table says, or written from their motion."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
+from pathlib import Path
 
-import field_logs
 import numpy as np
 import pytest
-from field_motion import Motion, vehicle_toml, write_tlog
 from measured.known import TABLE
+from scipy.spatial.transform import Rotation
+from sources import __main__ as sources
+from sources.motion import Motion
+from sources.vehicle_file import vehicle_toml
 
 from models.vehicle import parse_vehicle
 from replay import load
@@ -27,6 +31,20 @@ def test_the_vehicle_of_a_table_is_a_vehicle_file(keys):
     text = vehicle_toml(keys)
     assert tomllib.loads(text) == keys
     assert parse_vehicle(text, "a.toml").mass_kg == keys["mass_kg"]
+
+
+@pytest.mark.parametrize("name", sources.CONVERTERS)
+def test_the_vehicles_of_a_converter_are_vehicle_files(name):
+    vehicles = import_module(f"sources.{name}").VEHICLES
+    for keys in vehicles.values():
+        text = vehicle_toml(keys)
+        assert parse_vehicle(text, "a.toml").mass_kg == keys["mass_kg"]
+
+
+def test_every_converter_is_one_that_the_command_names():
+    folder = Path(sources.__file__).parent
+    found = {path.stem for path in folder.glob("*.py") if "\nVEHICLES = " in path.read_text()}
+    assert found == set(sources.CONVERTERS)
 
 
 def test_a_log_is_copied_from_the_commit_of_its_table(tmp_path, monkeypatch, capsys):
@@ -52,15 +70,18 @@ def test_a_log_is_copied_from_the_commit_of_its_table(tmp_path, monkeypatch, cap
         f'[origin]\ncommit = "{commit}"\n[origin.logs]\n"a.BIN" = "a flight.bin"\n'
         '[origin.vehicle.a]\nname = "a"\nmass_kg = 1.5\n'
     )
-    monkeypatch.setattr(
-        sys, "argv", ["field_logs.py", str(table), str(clone), str(tmp_path / "out")]
-    )
-    assert field_logs.main() == 0
+    monkeypatch.setattr(sys, "argv", ["sources", str(table), str(clone), str(tmp_path / "out")])
+    assert sources.main() == 0
     assert (tmp_path / "out" / "a.BIN").read_bytes() == b"first"
     assert tomllib.loads((tmp_path / "out" / "a.toml").read_text()) == {"name": "a", "mass_kg": 1.5}
     table.write_text("[[source]]\n")
-    assert field_logs.main() == 2
+    with pytest.raises(SystemExit, match="2"):
+        sources.main()
     assert "origin" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "argv", ["sources", "nobody", str(clone), str(tmp_path / "out")])
+    with pytest.raises(SystemExit, match="2"):
+        sources.main()
+    assert "nobody" in capsys.readouterr().err
 
 
 def test_motion_is_read_back_as_it_was_written(tmp_path):
@@ -69,12 +90,12 @@ def test_motion_is_read_back_as_it_was_written(tmp_path):
         time_s=t,
         position=np.stack([t, 0 * t, 0 * t - 2.0], axis=1),
         velocity=np.tile([1.0, 0.0, 0.0], (300, 1)),
-        quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (300, 1)),
+        attitude=Rotation.identity(300),
         rates=np.tile([0.0, 0.0, 0.1], (300, 1)),
         force=np.tile([0.0, 0.0, -9.8], (300, 1)),
         outputs_us=np.full((300, 6), 1500.4),
     )
-    write_tlog(tmp_path / "a.tlog", motion)
+    (tmp_path / "a.tlog").write_bytes(b"".join(motion.records()))
     (log,) = load(tmp_path / "a.tlog")
     assert log.duration_s == pytest.approx(2.99, abs=0.01)
     assert log.velocity.values[:, 0] == pytest.approx(np.ones(300))
