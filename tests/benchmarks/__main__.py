@@ -18,8 +18,12 @@ def main() -> int:
     if len(sys.argv) < 2 or sys.argv[1].startswith("-"):
         print(__doc__)
         return 2
-    sys.path[1:1] = map(str, SHARED)
     name = sys.argv.pop(1)
+    file = HERE.joinpath(*name.split("."))
+    if not (file.with_suffix(".py").exists() or (file / "__main__.py").exists()):
+        print(f"{name}: no such command in {HERE / 'README.md'}", file=sys.stderr)
+        return 2
+    sys.path[1:1] = map(str, SHARED)
     runpy.run_module(name, run_name="__main__", alter_sys=True)
     return 0
 

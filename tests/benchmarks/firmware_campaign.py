@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from adapt_recordings import decisions
+from adaptation.adapt_recordings import decisions
 from firmware_flights import (
     FREE_NORTH_M,
     HEIGHT_M,

@@ -18,7 +18,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 ANY_MACHINE = "any: the same numbers everywhere"
 NOT_CODE = (":!tests/benchmarks/results", ":!docs", ":!README.md")
 
@@ -122,13 +123,9 @@ def _command() -> str:
     if "--result" in arguments:
         at = arguments.index("--result")
         arguments = arguments[:at] + arguments[at + 2 :]
-    program = Path(sys.argv[0])
-    if program.name == "__main__.py":
-        start = f"cd tests/benchmarks && python -m {program.parent.name}"
-    elif program.resolve().parent.parent == Path(__file__).resolve().parent:
-        start = f"cd tests/benchmarks && python -m {program.parent.name}.{program.stem}"
-    else:
-        start = f"python tests/benchmarks/{program.name}"
+    program = Path(sys.argv[0]).resolve().relative_to(HERE).with_suffix("")
+    name = ".".join(program.parts).removesuffix(".__main__")
+    start = f"python tests/benchmarks {name}"
     return " ".join([start, *map(shlex.quote, arguments)])
 
 

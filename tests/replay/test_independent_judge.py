@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from independent_judge import claimed_size, judge, share
+from diagnosis.independent_judge import claimed_size, judge, share
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-import no_file
 import pytest
-from no_file import Answer, Truth, answered_truly, drafted_truly, read_table
+from field import no_file
+from field.no_file import Answer, Truth, answered_truly, drafted_truly, read_table
 
 TABLE = Path(no_file.__file__).parent / "field" / "public_logs.toml"
 FACTS = [{"key": "frame", "value": "quad-x"}, {"key": "rotors", "value": [9, 10, 11, 12]}]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import transfer
+from measured import transfer
 
 
 def test_an_error_is_a_geometric_mean_over_axes_of_what_is_left():

@@ -1,4 +1,4 @@
-"""The fault campaign: ``python -m faults [NAME...]`` in tests/benchmarks prints fault, noticed, output, recovery.
+"""The fault campaign: ``python tests/benchmarks faults [NAME...]`` prints fault, noticed, output, recovery.
 
 Everything is simulated, in lockstep: the same seed gives the same table on every machine. ``--json`` is written after
 every flight, and ``--resume`` goes on from it. Exit code 1 where a promise was broken or a fault went otherwise than

@@ -599,7 +599,8 @@ and more while the tilt is at its limit of 15 degrees."""
 GUST_OFF_M, GUST_TOUCHES_S = 0.5, 0.5
 """A gust that is there at once pushes the ducts and, through vanes that hold their moment off, the vehicle: 2.3 m/s^2
 towards the wall. It is 0.30 m away. The full tilt away from it, commanded in the very instant of the gust, lets the
-vehicle come 0.3 m nearer before it stops: ``python -m faults.gust_limit``. More than a touch is not allowed."""
+vehicle come 0.3 m nearer before it stops: ``python tests/benchmarks faults.gust_limit``. More than a touch is not
+allowed."""
 
 FAULTS = (
     # ranges

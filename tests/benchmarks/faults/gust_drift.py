@@ -1,4 +1,4 @@
-"""How far a sudden wind moves a vehicle in free air: ``python -m faults.gust_drift`` in tests/benchmarks.
+"""How far a sudden wind moves a vehicle in free air: ``python tests/benchmarks faults.gust_drift``.
 
 Simulated, offsets off. Beside it the acceleration by which the air pushes: momentum drag of the rotors, and the vanes
 that hold its moment.
@@ -6,6 +6,7 @@ that hold its moment.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator
 
 from flight_case import Case, CasePilot, surroundings
@@ -49,6 +50,7 @@ def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:
 
 def main() -> None:
     """Fly and print."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("simulated, free air\nvehicle  stack      wind m/s  push m/s²  moved m  moved/push s²")
     for path in (QUAD, TANDEM):
         for stack in STACKS:

@@ -7,7 +7,7 @@ flights (``measured/rope.toml``) with ``[origin]``: the repository, one of its c
 of each log in it, under ``[origin.vehicle.FILE]`` the keys of each vehicle file. Such logs are copied as they are. All
 stay their authors'. Then judge with
 
-    python tests/benchmarks/measured_flights.py --table tests/benchmarks/measured/NAME.toml --data OUT
+    python tests/benchmarks measured.measured_flights --table tests/benchmarks/measured/NAME.toml --data OUT
 """
 
 from __future__ import annotations

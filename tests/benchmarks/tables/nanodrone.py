@@ -1,6 +1,6 @@
 """The nano-drone benchmark of IDSIA: our model beside the authors' learners, on their test flights, by their metric.
 
-``cd tests/benchmarks && python -m tables.nanodrone CLONE``: CLONE is a clone of
+``python tests/benchmarks tables.nanodrone CLONE``: CLONE is a clone of
 github.com/idsia-robotics/nanodrone-sysid-benchmark (Busetto et al. 2026, arXiv:2512.14450). Needs pyarrow. Their rows
 *Naive* and *Physics* are computed first; where they differ by more than 2 % from what was published, nothing is told.
 The model is a vehicle with effects of the catalogue, rolled out by ``replay.rollout``. Forces are fitted first, with

@@ -1,6 +1,6 @@
 """Force of the wind on the quadrotor of Neural-Fly: how much of it a constant and a drag explain.
 
-``cd tests/benchmarks && python -m tables.neural_fly CLONE``: CLONE is a clone of github.com/aerorobotics/neural-fly
+``python tests/benchmarks tables.neural_fly CLONE``: CLONE is a clone of github.com/aerorobotics/neural-fly
 (O'Connell, Shi et al. 2022, Science Robotics 7, eabm6597). It holds thirty test flights: six controllers, five winds.
 Each flight has the force ``fa`` that the authors found from acceleration and thrust. The laws are fitted to the first
 half of a flight and told for the second. RMS of the error vector. The authors publish no figure of this kind. So that

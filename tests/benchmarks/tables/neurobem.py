@@ -1,6 +1,6 @@
 """Test flights of NeuroBEM: force and moment by named effects, beside the authors' own predictions.
 
-``cd tests/benchmarks && python -m tables.neurobem CLONE``: CLONE is a clone of github.com/RCL-NUS/NeuroMHE, which holds
+``python tests/benchmarks tables.neurobem CLONE``: CLONE is a clone of github.com/RCL-NUS/NeuroMHE, which holds
 test flights of NeuroBEM (Bauersfeld et al., RSS 2021, arXiv:2106.08015) with the predictions of its network. Six of
 thirteen lie in it as files that can be read. The metric is the RMS of the error vector, as in the paper. NeuroBEM had
 learnt from over an hour of other flights. Ours learns from the other five flights of the table, by least squares, and

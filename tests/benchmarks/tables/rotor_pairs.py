@@ -1,6 +1,6 @@
 """Thrust of rotor pairs near the ground: the catalogue's law of ground effect beside the classic one.
 
-``cd tests/benchmarks && python -m tables.rotor_pairs CLONE``: CLONE is a clone of
+``python tests/benchmarks tables.rotor_pairs CLONE``: CLONE is a clone of
 github.com/AmbarGarofano-Soldado/Ground-effect-results, with thrust measured over height and tilt (Garofano-Soldado et
 al., *Aerodynamic interactions of non-planar rotor pairs and model derivation in ground approach*). The exponential law
 is ``ground_effect`` of the catalogue. It is fitted to the coplanar pair, and told with every height left out in turn;
