@@ -65,7 +65,7 @@ def test_a_source_with_many_pairs_weighs_no_more_than_another():
 
 
 def test_a_table_gives_the_flights_of_each_vehicle_file_that_are_there(tmp_path, capsys):
-    table = Path(transfer.__file__).parent / "measured" / "payload.toml"
+    table = Path(transfer.__file__).with_name("payload.toml")
     for name in (
         "payload_1.toml",
         "payload_2.toml",
