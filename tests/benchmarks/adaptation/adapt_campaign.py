@@ -9,7 +9,6 @@ of a bootstrap over the seeds.
 
 from __future__ import annotations
 
-import argparse
 import pickle
 import sys
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
+import command_line
 import numpy as np
 from adapt_models import KINDS, model_of
 from tqdm import tqdm
@@ -149,9 +149,7 @@ def kept(folder: Path | None, vehicle: Vehicle, case: Case) -> Flown:
 
 def main() -> int:
     """Fly what is not kept yet, and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--seeds", type=int, default=10, help="how many, from --first on")
     p.add_argument("--first", type=int, default=101)
     p.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))

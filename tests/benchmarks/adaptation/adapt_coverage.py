@@ -8,7 +8,6 @@ independent.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import random
@@ -18,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from adapt_flights import Watch, add_ceiling, fly, payload, wind, with_ceiling_sensor
 from adapt_models import TrueModel
@@ -211,9 +211,7 @@ def scores(watch: Watch, truths: list[Truth]) -> dict[str, list[float]]:
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--seeds", type=int, default=20)
     p.add_argument("--first", type=int, default=201)
     p.add_argument("--cases", nargs="+", choices=sorted(CASES), default=list(CASES))

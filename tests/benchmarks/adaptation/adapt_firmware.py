@@ -10,12 +10,12 @@ the RMS of the true force (nothing compensated), minus 1. Of ground, wall and co
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from adapt_models import OfThisFan, model_of
 from tqdm import tqdm
@@ -87,9 +87,7 @@ def rms(force: Array) -> tuple[float, float]:
 
 def main() -> int:
     """Replay and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--data", type=Path, default=DATA, metavar="DIR")
     p.add_argument(
         "--only", default="", metavar="TEXT", help="only recordings whose path holds this"

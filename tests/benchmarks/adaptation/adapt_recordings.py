@@ -9,7 +9,6 @@ ten seconds after each block, as modelled and with the sizes as they were known 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from tqdm import tqdm
 
@@ -138,9 +138,7 @@ def diagnosed(vehicle_file: Path, log: Path) -> dict[str, Any]:
 
 def main() -> int:
     """Learn and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--data", type=Path, default=DATA, metavar="DIR")
     p.add_argument("--only", default="", metavar="TEXT", help="only logs whose path holds this")
     p.add_argument("--diagnose", action="store_true")

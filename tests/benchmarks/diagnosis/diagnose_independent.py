@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from zlib import crc32
 
+import command_line
 from independent.cases import HELD_OUT, Case
 from independent.make import make, read_truth, stem
 from result_file import add_option, counted, write_result
@@ -71,9 +72,7 @@ def main() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument(
         "--seed",
         type=int,

@@ -10,7 +10,6 @@ does that).
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -18,6 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import command_line
 import numpy as np
 from noise_records import noise_record
 
@@ -148,9 +148,7 @@ def interval(hits: int, trials: int) -> str:
 
 
 def main() -> int:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--records", type=int, default=400)
     p.add_argument("--seconds", type=float, default=180.0)
     p.add_argument("--first-seed", type=int, default=0)

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+import command_line
 from flights.make import make_round
 from flights.scenarios import HELD_OUT_ROUND, scenarios
 from result_file import add_option, counted, write_result
@@ -91,9 +92,7 @@ def main() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument(
         "--round",
         type=int,

@@ -11,7 +11,6 @@ The search is not run: what is said of a failing motor is said before it.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections import Counter
@@ -19,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 
 from companion.vehicles import chosen_vehicle
@@ -73,9 +73,7 @@ def wilson(right: int, count: int) -> tuple[float, float]:
 
 def main() -> int:
     """As the docstring says."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--each", type=int, default=6)

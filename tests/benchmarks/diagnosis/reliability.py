@@ -8,7 +8,6 @@ nothing is known are left out.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,6 +15,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import command_line
 
 from diagnosis.flights_judge import share, wilson
 
@@ -164,9 +165,7 @@ def intervals(points: Sequence[Bin]) -> list[tuple[float, float]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("judged", nargs="+", type=Path, metavar="JUDGED.json")
     p.add_argument("--plot", type=Path, metavar="FILE.png")
     args = p.parse_args(argv)

@@ -3,15 +3,15 @@
 It resumes where it stopped. ``docs/lab/diagnose-suite.md`` says what flies.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
+import command_line
 from flights.make import make_round
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument(
         "--out",
         type=Path,

@@ -5,17 +5,15 @@ python tests/benchmarks documents.browser PAGE.html --out SHOTS
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
+import command_line
 from browser import DESKTOP, PHONE, Browser
 
 
 def main() -> int:
     """Pictures of one page."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("page", type=Path)
     p.add_argument("--out", type=Path, default=Path("."))
     a = p.parse_args()

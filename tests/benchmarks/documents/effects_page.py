@@ -9,7 +9,6 @@ period. An effect is drawn at its typical size, in the middle shape of its grid,
 
 from __future__ import annotations
 
-import argparse
 import inspect
 import math
 import sys
@@ -17,6 +16,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import command_line
 import numpy as np
 
 import models
@@ -170,10 +170,7 @@ def section(effect: Effect) -> str:
 
 def main() -> int:
     """Write, or compare."""
-    p = argparse.ArgumentParser(
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    p = command_line.parser(__doc__)
     p.add_argument(
         "--check", action="store_true", help="exit code 1 where the page is not up to date"
     )

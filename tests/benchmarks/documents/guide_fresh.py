@@ -10,7 +10,6 @@ Needs a package index.
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import subprocess
@@ -19,6 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import command_line
 from result_file import add_option, figure, write_result
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -48,9 +48,7 @@ def blocks(document: Path) -> list[str]:
 
 def main() -> int:
     """Run and print one line a command."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument(
         "--guide", type=Path, default=ROOT / "docs" / "guide.md", help="another document"
     )

@@ -10,11 +10,11 @@ lists single sentences instead, those of table cells too. A sentence is as hard 
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from pathlib import Path
 
+import command_line
 from result_file import add_option, figure, write_result
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -93,9 +93,7 @@ def hardest(count: int) -> list[tuple[float, Path, str]]:
 
 def main() -> int:
     """Print the grade of every page, the hardest first, or the hardest sentences."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument(
         "--hardest", type=int, metavar="N", help="list the N hardest sentences instead"
     )

@@ -12,13 +12,14 @@ text: it is in README's table).
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import command_line
 
 ROOT = Path(__file__).resolve().parents[3]
 RESULTS = ROOT / "tests" / "benchmarks" / "results"
@@ -161,9 +162,7 @@ def readme(text: str, found: list[Result]) -> str:
 
 def main() -> int:
     """Write both files, or compare them."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument(
         "--check",
         action="store_true",

@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+import command_line
 from result_file import add_option, counted, figure, write_result
 
 from companion.adapt_options import Adapt
@@ -80,9 +81,7 @@ def _back(r: Result) -> str:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
-        prog="faults", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__, prog="faults")
     p.add_argument(
         "names",
         nargs="*",

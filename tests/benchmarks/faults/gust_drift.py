@@ -6,9 +6,9 @@ that hold its moment.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
+import command_line
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 from simulated import simulated
@@ -50,7 +50,7 @@ def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:
 
 def main() -> None:
     """Fly and print."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    command_line.parser(__doc__).parse_args()
     print("simulated, free air\nvehicle  stack      wind m/s  push m/s²  moved m  moved/push s²")
     for path in (QUAD, TANDEM):
         for stack in STACKS:

@@ -6,9 +6,10 @@ does the vehicle come before it stops? Simulated; of the flight program it holds
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import dataclass, field
+
+import command_line
 
 from companion.sim.autopilot import AttitudeDemand
 from faults.campaign import GAP_M, STACKS, Bench, Fault, fly
@@ -45,7 +46,7 @@ class BestAnswer:
 
 def main() -> None:
     """Fly and print."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    command_line.parser(__doc__).parse_args()
     print(
         f"simulated; the wall is {GAP_M} m away\nstack      tilt away   comes nearer by, m (seeds {SEEDS})"
     )

@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import subprocess
@@ -18,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from field_case_logs import CASES, Expected
 from result_file import ROOT, add_option, counted, write_result
@@ -184,9 +184,7 @@ def written_cases(folder: Path) -> list[tuple[str, Path, Expected]]:
 
 def main() -> int:
     """Ask of every case, and count."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument(
         "--data",
         type=Path,

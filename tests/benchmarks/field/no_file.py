@@ -9,7 +9,6 @@ reason for a refusal is true. Where a draft or a reason is another one, it is sa
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import subprocess
@@ -21,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import command_line
 from result_file import add_option, counted, figure, write_result
 
 GOAL_S, MOST_S = 15.0, 600.0
@@ -122,9 +122,7 @@ def ask(log: Path) -> Answer:
 
 def main() -> int:
     """Ask of every log, and count."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument("logs", nargs="+", type=Path, metavar="LOG")
     parser.add_argument("--table", type=Path, metavar="TABLE", help="what is known of the logs")
     add_option(parser)

@@ -9,7 +9,6 @@ slightly other than its file says.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 
@@ -235,9 +235,7 @@ def as_text(result: dict[str, Any]) -> str:
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--seeds", type=int, default=5, help="how many flights with each model")
     p.add_argument("--first", type=int, default=1)
     p.add_argument(

@@ -7,11 +7,11 @@ The flights run in lockstep: the same seed gives the same numbers on every machi
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
 
+import command_line
 from result_file import add_option, figure, write_result
 from vision import VisionEstimator
 
@@ -51,9 +51,7 @@ def figures(answer: dict[str, Any]) -> list[dict[str, Any]]:
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--seeds", type=int, default=10, help="how many, from --first on")
     p.add_argument("--first", type=int, default=1)
     p.add_argument("--scenario", default="corner")

@@ -11,13 +11,13 @@ are kept in ``--keep`` and not flown again.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 import numpy as np
 from simulated import Px4Pilot, simulated
 from tqdm import tqdm
@@ -148,9 +148,7 @@ def judged(
 
 def main() -> int:
     """Fly what is not kept, and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--world", nargs="+", default=["corner"], choices=("corner", "corner_cfd"))
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--px4", action="store_true", help="the manner of PX4 in place of ArduPilot's")

@@ -7,7 +7,6 @@ vehicle in the same air, with other turbulence and sensor errors.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -16,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import command_line
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 from simulated import simulated
@@ -136,9 +136,7 @@ def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
 
 def main() -> int:
     """Fly and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--vehicle", type=Path, default=TANDEM)
     p.add_argument("--box", default="0.3:1.1:0.2:0.9")
     p.add_argument("--seeds", type=int, default=2)

@@ -11,13 +11,13 @@ where its numbers were not chosen.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import command_line
 from diagnosis.flights_judge import share
 from tqdm import tqdm
 
@@ -81,9 +81,7 @@ def chosen(by_setting: dict[str, list[Judgement]], source: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Answer, judge, print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument(
         "--answers", type=Path, required=True, metavar="DIR", help="where answers are kept"
     )

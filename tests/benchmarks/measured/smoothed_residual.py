@@ -7,7 +7,6 @@ design (``companion.estimation.track_design``), and prints the ratio of the held
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import command_line
 import numpy as np
 from tqdm import tqdm
 
@@ -150,9 +150,7 @@ def diagnosed_smooth(log: Path, vehicle: Path, model: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("files", nargs="+", type=Path, metavar="LOG VEHICLE")
     p.add_argument("--model", default="none")
     a = p.parse_args()

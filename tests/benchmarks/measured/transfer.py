@@ -12,7 +12,6 @@ Diagnoses stay in the cache: take a new one where the search changed. Pairs that
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import warnings
@@ -21,6 +20,7 @@ from dataclasses import asdict, dataclass
 from itertools import permutations
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, counted, figure, write_result
 from sklearn.compose import TransformedTargetRegressor
@@ -379,7 +379,7 @@ def figures(rows: Sequence[dict]) -> list[dict]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark."""
-    p = argparse.ArgumentParser(description=__doc__)
+    p = command_line.parser(__doc__)
     p.add_argument("--data", type=Path, default=Path("../shared/data/measured"))
     p.add_argument("--table", type=Path, nargs=2, metavar=("TABLE", "DIR"), action="append", default=[],
                    help="also flights of a table, with the folder of their logs; may be repeated")  # fmt: skip

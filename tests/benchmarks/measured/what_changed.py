@@ -9,7 +9,6 @@ cache.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -18,6 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 from diagnosis.flights_judge import share
 from result_file import add_option, counted, write_result
 from tqdm import tqdm
@@ -102,9 +102,7 @@ def ask(case: Case, data: Path, cache: Path) -> Named | None:
 
 def main() -> int:
     """Ask, and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--data", type=Path, default=DATA)
     p.add_argument("--table", type=Path, default=TABLE)
     p.add_argument("--cache", type=Path, default=Path("what_changed"))

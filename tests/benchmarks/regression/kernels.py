@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import command_line
 from measured.answers import DATA, Asked, ask
 from measured.known import read
 from tqdm import tqdm
@@ -168,9 +169,7 @@ def run(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="each diagnosed alone")
     p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="of the logs")
     p.add_argument(

@@ -9,7 +9,6 @@ NAME.toml beside it, else the only file of the folder whose name starts the log'
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
@@ -18,6 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import command_line
 from tqdm import tqdm
 
 _SUFFIXES = {".tlog", ".bin", ".ulg"}
@@ -68,9 +68,7 @@ def _job(job: tuple[Path, str, Path | None, Path]) -> Path:
 
 def main() -> int:
     """Write all answers; with ``--against`` name those that differ and return how many."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("folder", type=Path)
     p.add_argument("--out", type=Path, required=True)
     p.add_argument("--against", type=Path)

@@ -12,13 +12,13 @@ number (of 1 where the number is smaller; bytes of an encoded setpoint are numbe
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import command_line
 import numpy as np
 from tqdm import tqdm
 
@@ -167,9 +167,7 @@ def offsets_apart(new: np.ndarray, old: np.ndarray, lengths: np.ndarray) -> tupl
 
 
 def main() -> int:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("folder", type=Path)
     p.add_argument("--out", type=Path)
     p.add_argument("--against", type=Path)

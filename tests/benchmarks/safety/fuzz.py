@@ -19,7 +19,6 @@ input that fails is written to --keep, as the seed of a test.
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import math
@@ -35,6 +34,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from log_writers import bin_flight, ulg_flight
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -406,9 +406,7 @@ def as_text(name: str, c: Counts) -> str:
 
 def main() -> int:
     """Fuzz and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--frames", type=int, default=1_000_000, help="through the decoder")
     p.add_argument(
         "--flight-frames", type=int, default=1_000_000, help="through the flight program"

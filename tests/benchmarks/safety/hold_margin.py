@@ -14,7 +14,6 @@ swing detector softened the gains.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -25,6 +24,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from unittest import mock
 
+import command_line
 import numpy as np
 from tqdm import tqdm
 
@@ -279,7 +279,7 @@ def as_line(plant: Plant, gains: str, m: dict[str, float], refused: bool) -> str
 
 def main() -> int:
     """Fly the grid and print it."""
-    p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    p = command_line.parser(__doc__.splitlines()[0])
     p.add_argument(
         "--speed", type=float, nargs="+", default=[0.5, 1.0, 2.0], help="of the attitude loop"
     )

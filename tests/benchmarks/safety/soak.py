@@ -16,7 +16,6 @@ from outside:
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -32,6 +31,7 @@ import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import command_line
 import numpy as np
 from flight_process import flight_command
 from result_file import add_option, figure, write_result
@@ -288,9 +288,7 @@ def as_text(soak: Soak, own: dict[str, object]) -> str:
 
 def main() -> int:
     """Fly, and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--seconds", type=float, default=3600.0)
     p.add_argument("--px4", action="store_true")
     p.add_argument(

@@ -20,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import command_line
+
 from sources.clone import read
 from sources.vehicle_file import vehicle_toml
 
@@ -41,11 +43,7 @@ Vehicles = Mapping[str, Mapping[str, Any]]
 
 
 def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
-        prog="sources",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    p = command_line.parser(__doc__, prog="sources")
     p.add_argument("name", metavar="NAME", help=f"{', '.join(CONVERTERS)}, or a table")
     p.add_argument("clone", metavar="CLONE", type=Path)
     p.add_argument("out", metavar="OUT", type=Path)

@@ -7,13 +7,13 @@ the ratio is what to compare between machines. The amended model has four effect
 
 from __future__ import annotations
 
-import argparse
 import gc
 import tempfile
 import time
 import tracemalloc
 from pathlib import Path
 
+import command_line
 import numpy as np
 from adapt_flights import fly
 from simulated import simulated
@@ -89,9 +89,7 @@ def grown_bytes(samples: list[Sample], config: PipelineConfig) -> int:
 
 def main() -> int:
     """Measure and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("log", nargs="?", type=Path)
     p.add_argument("--rounds", type=int, default=5)
     p.add_argument(

@@ -7,7 +7,6 @@ process of its own. Processor time is given beside the time on the wall, which a
 
 from __future__ import annotations
 
-import argparse
 import cProfile
 import json
 import os
@@ -18,6 +17,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import command_line
 from log_writers import quad_flight, write_tlog
 
 from companion.vehicles import QUAD
@@ -72,9 +72,7 @@ def measure(log: Path, minutes: float, answer: Path) -> Row:
 
 def main() -> int:
     """Write, diagnose, print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--minutes", type=float, nargs="+", default=[3.0, 15.0, 60.0])
     p.add_argument(
         "--mass", type=float, default=3.3, help="true mass [kg]; the vehicle file says 3.0"

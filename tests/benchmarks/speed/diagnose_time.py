@@ -14,7 +14,6 @@ and sizes outside of the interval that the other version gave are counted.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -27,6 +26,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import command_line
 from measured.answers import DATA
 from measured.known import TABLE, Flight, read
 
@@ -147,9 +147,7 @@ def changed(old: Any, new: Any) -> Iterator[str]:
 
 def main() -> int:
     """Measure every log; the slowest first in the table."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG")
     p.add_argument(
         "--data", nargs="+", type=Path, default=[DATA], metavar="DIR", help=f"default: {DATA}"

@@ -9,7 +9,6 @@ Half-way through them the run is killed (SIGKILL), and begun again.
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import signal
@@ -22,6 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from log_writers import quad_flight, write_tlog
 from result_file import add_option, counted, figure, write_result
@@ -143,9 +143,7 @@ def killed_and_begun_again(folder: Path, count: int) -> tuple[float, int, int]:
 
 def main(argv: list[str] | None = None) -> int:
     """Exit code 1 where something was lost or done twice."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--answers", type=int, default=10_000)
     p.add_argument("--logs", type=int, default=24)
     add_option(p)

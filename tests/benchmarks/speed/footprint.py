@@ -9,7 +9,6 @@ folder for their bytecode: pip compiles what it installs, a checkout without it 
 
 from __future__ import annotations
 
-import argparse
 import os
 import socket
 import subprocess
@@ -18,6 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import command_line
 from result_file import add_option, figure, write_result
 
 BARE = """
@@ -58,9 +58,7 @@ def first_heartbeat(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     add_option(parser)
     a = parser.parse_args()
     with (

@@ -11,7 +11,6 @@ log that is there, such as one that ``repeat_log.py`` made long. ``table`` is ``
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -23,6 +22,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 from fastcrc.crc16 import mcrf4xx as crc
 from log_writers import flight, record
 
@@ -129,9 +129,7 @@ def peak(command: list[str], limit_s: float) -> tuple[float, float, int | None]:
 
 def main() -> int:
     """Write the log, run the commands, print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--size", type=float, default=2000.0, metavar="MB")
     p.add_argument("--commands", nargs="+", choices=sorted(COMMANDS), default=sorted(COMMANDS))
     p.add_argument("--limit", type=float, default=3600.0, metavar="S")

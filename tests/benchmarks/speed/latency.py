@@ -17,7 +17,6 @@ At the end: what each kind of message costs the companion, on a recording of thi
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import math
@@ -37,6 +36,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from flight_process import flight_command
 from result_file import add_option, figure, write_result
@@ -208,9 +208,7 @@ class Turn:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each turn")
     parser.add_argument("--turns", type=int, default=5)
     parser.add_argument(

@@ -11,12 +11,13 @@ to compare two versions run them in turns. ``per second`` is what the log's own 
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections import defaultdict
 from pathlib import Path
 from statistics import median
+
+import command_line
 
 import models
 from companion.adapt_options import Adapt
@@ -116,9 +117,7 @@ def print_profile(rows: dict[str, dict[str, float]]) -> None:
 
 
 def main() -> None:
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("log", type=Path)
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--rounds", type=int, default=3)

@@ -10,7 +10,6 @@ browser (with a Chromium on this machine; median of five, after the latencies).
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing as mp
 import os
@@ -23,6 +22,7 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 from browser import CHROMIUM, Browser
 
@@ -94,9 +94,7 @@ def first_paint_ms(url: str) -> float:
 
 def main() -> int:
     """Run both and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("--seconds", type=float, default=30.0)
     p.add_argument("--rate", type=float, default=400.0)
     p.add_argument("--json", type=Path)

@@ -5,17 +5,15 @@ python tests/benchmarks speed.repeat_log LOG --size 200 --out FILE
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
+import command_line
 from repeat_log import write_repeated
 
 
 def main() -> int:
     """Write one log."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("log", type=Path)
     p.add_argument("--size", type=float, default=200.0, metavar="MB")
     p.add_argument("--out", type=Path, required=True)

@@ -9,7 +9,6 @@ taken off; Linux only).
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -18,6 +17,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import command_line
 from log_writers import flight, write_tlog
 from result_file import add_option, figure, write_result
 
@@ -109,9 +109,7 @@ def measure(path: Path) -> dict[str, float]:
 
 def main() -> int:
     """Measure and print."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument("log", nargs="?", type=Path)
     p.add_argument("--json", type=Path)
     add_option(p)

@@ -5,7 +5,6 @@ python tests/benchmarks surrogates.cfd_statements [--cases CSV] [--fan FILE] [--
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections import Counter
@@ -14,6 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import command_line
 import numpy as np
 
 from models.cfd.case_run import Row
@@ -93,9 +93,7 @@ def _counts(found: dict[str, int]) -> str:
 
 def main() -> int:
     """Print the statements and figures of a table of cases."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__)
     p.add_argument(
         "--cases", type=Path, default=SHIPPED_CASES, help="case table (default: the shipped one)"
     )

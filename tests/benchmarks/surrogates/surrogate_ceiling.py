@@ -11,12 +11,12 @@ surrogate reaches 1 - mean(e^2) / variance, with e the rows' scatter (error of t
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import warnings
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 
@@ -108,9 +108,7 @@ def _mean_sd(values: Array) -> tuple[Array, Array]:
 
 def main() -> None:
     """Train on every split and print one table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument("--data", type=Path, default=SHIPPED / "corner_cfd.csv")
     parser.add_argument("--rows", type=Path, default=SHIPPED / "corner_cfd_rows.csv")
     parser.add_argument("--splits", type=int, default=20)

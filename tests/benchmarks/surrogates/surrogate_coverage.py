@@ -9,11 +9,11 @@ Without --data: a simulated campaign of about a hundred noisy places (closed for
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
+import command_line
 import numpy as np
 from noisy_campaign import noisy_campaign
 
@@ -44,9 +44,7 @@ def campaign() -> DataSet:
 
 def main() -> None:
     """Train once a block and print one table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument("--data")
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
 import statistics
@@ -18,6 +17,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+import command_line
 import numpy as np
 from numpy.typing import NDArray
 
@@ -174,9 +174,7 @@ def one_point(repeats: int) -> dict[str, float]:
 
 def main() -> None:
     """Run all and print one table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line.parser(__doc__)
     parser.add_argument(
         "--quick", action="store_true", help="a tenth of the generations and epochs"
     )

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 
@@ -313,7 +314,7 @@ def reproduced(runs: Sequence[Run]) -> dict[str, Score]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("clone", type=Path, metavar="CLONE")
     parser.add_argument("--validate", action="store_true", help="score flights for validation")
     add_option(parser)

@@ -13,7 +13,6 @@ effects wind, rotor_drag and body_drag have about level flight; the vehicle's at
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import json
@@ -21,6 +20,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 from sources.clone import read
@@ -101,7 +101,7 @@ def check(baseline: dict[str, Flight]) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("clone", type=Path, metavar="CLONE")
     add_option(parser)
     a = parser.parse_args()

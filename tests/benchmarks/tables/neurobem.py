@@ -9,12 +9,12 @@ is told for the one left out. Where NeuroBEM's figures are not reproduced within
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 from scipy.spatial.transform import Rotation
@@ -197,7 +197,7 @@ def told(flights: Sequence[Segment], theirs: Sequence[Array], ours: Sequence[Arr
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("clone", type=Path, metavar="CLONE")
     add_option(parser)
     a = parser.parse_args()

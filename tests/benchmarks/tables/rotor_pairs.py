@@ -10,12 +10,12 @@ R&M 3021, has nothing to fit.
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 from scipy.optimize import curve_fit
@@ -81,7 +81,7 @@ def left_out(height: Array, ratio: Array) -> Array:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line.parser(__doc__)
     parser.add_argument("clone", type=Path, metavar="CLONE")
     add_option(parser)
     a = parser.parse_args()
