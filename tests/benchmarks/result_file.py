@@ -18,6 +18,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from shares import wilson
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ANY_MACHINE = "any: the same numbers everywhere"
@@ -55,16 +57,12 @@ def counted(
     what: str, flags: Iterable[bool], *, least: float | None = None, most: float | None = None
 ) -> dict[str, Any]:
     """A share with its counts and its 95 % interval (Wilson); goals ``least`` or ``most`` are shares, too."""
-    from scipy.stats import binomtest  # not where reading ease is measured
-
     values = list(flags)
     if not values:
         return figure(what, "none")
     share = sum(values) / len(values)
-    interval = binomtest(sum(values), len(values)).proportion_ci(method="wilson")
-    detail = (
-        f"{sum(values)} of {len(values)}, [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
-    )
+    low, high = wilson(sum(values), len(values))
+    detail = f"{sum(values)} of {len(values)}, [{100 * low:.0f}, {100 * high:.0f}]"
     goal = least if least is not None else most
     met = None if goal is None else share >= goal if least is not None else share <= goal
     return figure(

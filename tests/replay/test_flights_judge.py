@@ -6,7 +6,8 @@ from dataclasses import asdict
 
 import pytest
 from diagnosis import reliability
-from diagnosis.flights_judge import judge, rms_ratio, wilson
+from diagnosis.flights_judge import judge, rms_ratio
+from shares import wilson
 
 AXES = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -16,16 +15,15 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from zlib import crc32
 
 import command_line
 from independent.cases import HELD_OUT, Case
 from independent.make import make, read_truth, stem
 from result_file import add_option, counted, write_result
+from shares import share
 
-from diagnosis.independent_judge import NEEDED, Judgement, judge, needed_of, share
-
-REPO = Path(__file__).resolve().parents[3]
+from diagnosis.declared import ENVIRONMENT, REPO, train
+from diagnosis.independent_judge import NEEDED, Judgement, judge, needed_of
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,9 @@ def main() -> int:
     flown = make(
         folder, args.seed, args.only, lambda text: print(text, file=sys.stderr, flush=True)
     )
-    model = train(folder, args.method) if any(c.frame.table for c in flown) else None
+    model = None
+    if any(c.frame.table for c in flown):
+        model = train(folder / "guarded.csv", args.method, folder)
     rows: list[Row] = []
     with ThreadPoolExecutor(args.jobs) as pool:
         for row in pool.map(lambda case: run_one(folder, case, model, args), flown):
@@ -104,27 +104,6 @@ def _parser() -> argparse.ArgumentParser:
     return p
 
 
-def train(folder: Path, method: str) -> Path:
-    """The guarded quadrotor's declared model: a surrogate of its table, trained once."""
-    table = folder / "guarded.csv"
-    out = folder / f"model-{method}-{crc32(table.read_bytes()):08x}"
-    if not (out / "model.json").exists():
-        command = [
-            sys.executable,
-            "-m",
-            "models",
-            "train",
-            "--data",
-            str(table),
-            "--method",
-            method,
-        ]
-        subprocess.run(
-            [*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment()
-        )
-    return out
-
-
 def run_one(folder: Path, case: Case, model: Path | None, args: argparse.Namespace) -> Row:
     """``replay diagnose`` on one flight, judged."""
     base, truth = stem(folder, case), read_truth(folder, case)
@@ -157,7 +136,7 @@ def diagnose(command: list[str], timeout: float) -> str:
         done = subprocess.run(
             command,
             cwd=REPO,
-            env=_environment(),
+            env=ENVIRONMENT,
             capture_output=True,
             text=True,
             timeout=timeout,
@@ -170,10 +149,6 @@ def diagnose(command: list[str], timeout: float) -> str:
             f"exit code {done.returncode}: {(done.stderr.strip().splitlines() or ['silent'])[-1]}"
         )
     return ""
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "OMP_NUM_THREADS": "1"}
 
 
 def line(row: Row) -> str:

@@ -11,8 +11,8 @@ does that).
 from __future__ import annotations
 
 import json
-import math
 import sys
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from pathlib import Path
 import command_line
 import numpy as np
 from noise_records import noise_record
+from shares import share_of
 
 from models.common.frames import Array
 from models.effects import Coefficient, Effect, catalogue
@@ -137,14 +138,25 @@ def one(job: tuple[int, float, bool]) -> Outcome:
     return Outcome(seed, tau, answer.verdict, named, true, tuple(tuple(a) for a in answer.aliases))
 
 
-def interval(hits: int, trials: int) -> str:
-    """A share with its 95 % interval (Wilson)."""
-    z, p = 1.96, hits / max(trials, 1)
-    middle = (p + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = (
-        z * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials)) / (1 + z * z / trials)
-    )
-    return f"{hits}/{trials} = {p:.3f} [{max(middle - half, 0.0):.3f}, {middle + half:.3f}]"
+def said(rows: Sequence[Outcome], *, effect: bool) -> Iterator[str]:
+    """Shares of some records."""
+
+    def share(hits: int, of: int) -> str:
+        return share_of(hits, of, digits=1)
+
+    wrong = sum(bool(o.false) for o in rows)
+    yield f"flights with a false effect {share(wrong, len(rows))}"
+    if not effect:
+        silent = sum(o.verdict != "nothing_missing" for o in rows)
+        yield f"not answered nothing_missing {share(silent, len(rows))}"
+        return
+    named = sum(len(o.named) for o in rows)
+    false = sum(len(o.false) for o in rows)
+    beyond = sum(len(o.beyond_aliases) for o in rows)
+    true = sum(o.true in o.named for o in rows)
+    yield f"false among the named {share(false, named)}"
+    yield f"of them, not an alias that was said {share(beyond, named)}"
+    yield f"true effect named {share(true, len(rows))}"
 
 
 def main() -> int:
@@ -164,22 +176,11 @@ def main() -> int:
             if outcome.named or outcome.verdict != "nothing_missing":
                 print(outcome, flush=True)
     for tau in (*TAUS_S, None):
-        rows = [o for o in outcomes if tau is None or o.tau_s == tau]
         label = "all" if tau is None else f"tau {tau:g} s"
-        wrong = sum(bool(o.false) for o in rows)
-        print(f"{label:10s} flights with a false effect {interval(wrong, len(rows))}")
-        if a.effect:
-            named = sum(len(o.named) for o in rows)
-            false = sum(len(o.false) for o in rows)
-            beyond = sum(len(o.beyond_aliases) for o in rows)
-            print(f"{'':10s} false among the named {interval(false, max(named, 1))}")
-            print(f"{'':10s} of them, not an alias that was said {interval(beyond, max(named, 1))}")
-            print(
-                f"{'':10s} true effect named {interval(sum(o.true in o.named for o in rows), len(rows))}"
-            )
-        else:
-            silent = sum(o.verdict != "nothing_missing" for o in rows)
-            print(f"{'':10s} not answered nothing_missing {interval(silent, len(rows))}")
+        rows = [o for o in outcomes if tau in (None, o.tau_s)]
+        for text in said(rows, effect=a.effect):
+            print(f"{label:10s} {text}")
+            label = ""
     if a.json:
         a.json.write_text(json.dumps([o.__dict__ for o in outcomes], indent=1))
     return 0

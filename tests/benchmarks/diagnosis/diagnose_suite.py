@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -18,16 +17,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import command_line
 from flights.make import make_round
 from flights.scenarios import HELD_OUT_ROUND, scenarios
 from result_file import add_option, counted, write_result
+from shares import share
 
-from diagnosis.flights_judge import Judgement, judge, share
+from diagnosis.declared import ENVIRONMENT, REPO, be_nice, train
+from diagnosis.flights_judge import Judgement, judge
 
-REPO = Path(__file__).resolve().parents[3]
 GOAL_SIZE = 0.02
 """Share of the weight from which on an effect is to be named."""
 
@@ -54,7 +53,7 @@ def main() -> int:
         truth = make_round(folder, number, wanted, progress=args.verbose)
         if args.group:
             truth = {n: t for n, t in truth.items() if t["group"] in args.group}
-        model = train(folder, args.method)
+        model = train(folder / "table.csv", args.method, folder.parent)
         tag = "" if args.round == [number] else f"{number}/"
         with ThreadPoolExecutor(args.jobs) as pool:
             futures = [
@@ -123,27 +122,6 @@ def _parser() -> argparse.ArgumentParser:
     return p
 
 
-def train(folder: Path, method: str) -> Path:
-    """The declared model: a surrogate of the flights' table, trained once for all rounds."""
-    table = (folder / "table.csv").read_bytes()
-    out = folder.parent / f"model-{method}-{crc32(table):08x}"
-    if not (out / "model.json").exists():
-        command = [
-            sys.executable,
-            "-m",
-            "models",
-            "train",
-            "--data",
-            str(folder / "table.csv"),
-            "--method",
-            method,
-        ]
-        subprocess.run(
-            [*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment()
-        )
-    return out
-
-
 def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout: float) -> Row:
     """``replay diagnose`` on one flight, judged."""
     out = folder / f"{name}.answer.json"
@@ -156,8 +134,8 @@ def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout
     begun = time.perf_counter()
     try:
         done = subprocess.run(
-            command, cwd=REPO, env=_environment(), capture_output=True, text=True, timeout=timeout, check=False,
-            preexec_fn=_be_nice,
+            command, cwd=REPO, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, check=False,
+            preexec_fn=be_nice,
         )  # fmt: skip
         code, complaint = done.returncode, done.stderr.strip()
     except subprocess.TimeoutExpired:
@@ -177,14 +155,6 @@ def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout
             verdict.rms_ratio,
         )
     return Row(name, truth["group"], seconds, verdict, truth["size_of_weight"])
-
-
-def _be_nice() -> None:
-    os.nice(19)
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "OMP_NUM_THREADS": "1"}
 
 
 def line(row: Row) -> str:

@@ -20,6 +20,7 @@ from typing import Any
 
 import command_line
 import numpy as np
+from shares import share_of
 
 from companion.vehicles import chosen_vehicle
 from models.common.errors import UserError
@@ -62,15 +63,6 @@ def judged(truth: Mapping[str, Any], faults: Sequence[LogFault]) -> str:
     return "right" if first.motors == (motor,) else "unsure"
 
 
-def wilson(right: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927)."""
-    z = 1.96
-    share = right / count
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    return float(middle - half), float(middle + half)
-
-
 def main() -> int:
     """As the docstring says."""
     parser = command_line.parser(__doc__)
@@ -104,9 +96,8 @@ def main() -> int:
             )
             count = sum(total.values())
             if count:
-                low, high = wilson(total["right"], count)
-                right = f"{total['right']} of {count} right ({total['right'] / count:.0%} [{low:.0%}, {high:.0%}])"
-                print(f"{what}, {signal}: {right}, {total['wrong']} wrong")
+                right = share_of(total["right"], count)
+                print(f"{what}, {signal}: right {right}, wrong {total['wrong']}")
     return 0
 
 

@@ -5,9 +5,8 @@ The rules were fixed before any result; ``docs/lab/diagnose-suite.md``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -158,22 +157,3 @@ def rms_ratio(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> float:
 
 def _matches(channel: str, wanted: str) -> bool:
     return channel.startswith(wanted[:-1]) if wanted.endswith("*") else channel == wanted
-
-
-def wilson(hits: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """95 % interval of a proportion (Wilson 1927)."""
-    if not trials:
-        return (0.0, 1.0)
-    p, n = hits / trials, float(trials)
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return (max(0.0, middle - half), min(1.0, middle + half))
-
-
-def share(flags: Iterable[bool]) -> str:
-    """``hits/trials = x % [low, high]``."""
-    values = list(flags)
-    if not values:
-        return "none flown"
-    low, high = wilson(sum(values), len(values))
-    return f"{sum(values)}/{len(values)} = {sum(values) / len(values):.0%} [{low:.0%}, {high:.0%}]"

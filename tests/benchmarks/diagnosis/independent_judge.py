@@ -8,12 +8,10 @@ is there but smaller may be named, in its own size. What is not there (less than
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
-
-from scipy.stats import binomtest
 
 from diagnosis.stated import Statement, statement
 
@@ -162,12 +160,3 @@ def claimed_size(
         (share * float(a["rms_before"]) / scale.get(str(a["unit"]), scale["Nm"]) for a in axes),
         default=0.0,
     )
-
-
-def share(flags: Iterable[bool]) -> str:
-    """``hits of trials = x % [low, high]``, 95 % interval by Wilson's method."""
-    values = list(flags)
-    if not values:
-        return "none"
-    interval = binomtest(sum(values), len(values)).proportion_ci(method="wilson")
-    return f"{sum(values)} of {len(values)} = {sum(values) / len(values):.0%} [{interval.low:.0%}, {interval.high:.0%}]"

@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import command_line
-
-from diagnosis.flights_judge import share, wilson
+from shares import share, wilson
 
 PROBABILITY, Q_VALUE = "probability", "1 - q_value"
 EDGES = {

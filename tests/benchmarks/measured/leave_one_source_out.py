@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import command_line
-from diagnosis.flights_judge import share
+from shares import share
 from tqdm import tqdm
 
 from measured.answers import DATA, Asked, weight_n

@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any
 
 import command_line
-from diagnosis.flights_judge import share
 from diagnosis.reliability import plot, statements, table
 from result_file import add_option, counted, write_result
+from shares import share
 from tqdm import tqdm
 
-from measured.answers import DATA, Asked, ask, train, weight_n
+from measured.answers import DATA, Asked, ask, declared, weight_n
 from measured.changes import CHANGES, changed
 from measured.judge import BEST_FACTOR, Judgement, judge, judge_refusal
 from measured.known import FORCES, KINDS, TABLE, Flight, Known, read, together
@@ -192,7 +192,7 @@ def _answer(flight: Flight, args: argparse.Namespace) -> Asked:
     return asked
 
 
-_model = cache(train)
+_model = cache(declared)
 
 
 def as_json(j: Judgement) -> dict[str, Any]:

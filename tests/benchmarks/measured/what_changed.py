@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import command_line
-from diagnosis.flights_judge import share
 from result_file import add_option, counted, write_result
+from shares import share
 from tqdm import tqdm
 
 from measured.answers import DATA, REPO
