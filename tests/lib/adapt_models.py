@@ -15,51 +15,26 @@ from models.effects.adopted_effect import AdoptedEffect
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import Answer, Calibration
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.vehicle_wrench import RPM_TO_RAD_S
 
 SURE = Calibration((0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
 """Of a model that states no scatter of its own."""
 
 
-class TrueModel:
-    """The simulated air itself, for a fan without the vehicle file's errors."""
+class AirModel:
+    """What a surrogate is to flight, but for ``query``."""
 
     effects: tuple[AdoptedEffect, ...] = ()
     calibration = SURE
+    method: str
 
-    def __init__(self, vehicle: Vehicle, law: SurfaceLaw) -> None:
-        self.info: Mapping[str, Any] = {"method": "truth"}
-        self._law, self._radius = law, vehicle.rotor_radius_m
-        self._per_rpm2 = (
-            RHO_SEA_LEVEL
-            * vehicle.disc_area_m2
-            * (2.0 * np.pi / 60.0 * vehicle.rotor_radius_m) ** 2
-        )
-        self._ct = vehicle.fans[0].ct or 0.0
-        self._torque = vehicle.fans[0].ct is None
+    @property
+    def info(self) -> Mapping[str, Any]:
+        return {"method": self.method}
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """As a surrogate's."""
-        h, d, rpm = np.broadcast_arrays(
-            np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float)
-        )
-        out = np.zeros((*h.shape, 6))
-        for index in np.ndindex(h.shape):
-            speed = float(rpm[index])
-            lift = (
-                self._ct
-                * self._per_rpm2
-                * speed**2
-                * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
-            )
-            inc = self._law.increments(
-                float(h[index]) / self._radius, float(d[index]) / self._radius
-            )
-            arm = lift * self._radius
-            torque = PAPER_CQ * self._per_rpm2 * speed**2 * self._radius * self._torque
-            out[index] = (
-                lift * inc.x, lift * inc.y, lift * (1.0 + inc.z), arm * inc.mx, arm * inc.my, torque * inc.mz,
-            )  # fmt: skip
-        return Answer(out, np.zeros_like(out), np.ones(h.shape))
+        raise NotImplementedError
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """(..., 6)."""
@@ -67,75 +42,108 @@ class TrueModel:
 
     def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
         """(fans, 6), with neither ground nor wall."""
-        far: list[list[float]] = self.query(np.inf, np.inf, np.array(rpm)).wrench.tolist()
+        far: list[list[float]] = self.wrench(np.inf, np.inf, np.array(rpm)).tolist()
         return far
 
 
-class WarpedModel:
-    """A model with what it says of ground and wall multiplied, and asked at other distances and with another lift."""
+def free_air(model: Any, rpm: ArrayLike) -> Array:
+    """(..., 6), with neither ground nor wall."""
+    far = np.full(np.shape(rpm), np.inf)
+    wrench: Array = model.query(far, far, rpm).wrench
+    return wrench
 
-    effects: tuple[AdoptedEffect, ...] = ()
-    calibration = SURE
 
-    def __init__(
-        self, inner: Any, *, gain: float = 1.0, nearer: float = 1.0, lift: float = 1.0
-    ) -> None:
-        self.info: Mapping[str, Any] = {"method": "warped"}
-        self._inner, self._gain, self._nearer, self._lift = inner, gain, nearer, lift
+def as_arrays(*values: ArrayLike) -> tuple[Array, ...]:
+    """Of one shape."""
+    return np.broadcast_arrays(*(np.asarray(value, float) for value in values))
+
+
+class TrueModel(AirModel):
+    """The simulated air itself, for a fan without the vehicle file's errors."""
+
+    method = "truth"
+
+    def __init__(self, vehicle: Vehicle, law: SurfaceLaw) -> None:
+        self._law = law
+        self._radius = vehicle.rotor_radius_m
+        tip = RPM_TO_RAD_S * self._radius
+        self._per_rpm2 = RHO_SEA_LEVEL * vehicle.disc_area_m2 * tip**2
+        self._ct = vehicle.fans[0].ct or 0.0
+        self._cq = PAPER_CQ if vehicle.fans[0].ct is None else 0.0
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """As a surrogate's."""
-        near = self._inner.query(np.asarray(h) * self._nearer, np.asarray(d) * self._nearer, rpm)
-        far = self._inner.query(
-            np.full(np.shape(h), np.inf), np.full(np.shape(d), np.inf), rpm
-        ).wrench
+        h, d, rpm = as_arrays(h, d, rpm)
+        out = np.zeros((*h.shape, 6))
+        for index in np.ndindex(h.shape):
+            out[index] = self._one(float(h[index]), float(d[index]), float(rpm[index]))
+        return Answer(out, np.zeros_like(out), np.ones(h.shape))
+
+    def _one(self, h: float, d: float, rpm: float) -> tuple[float, ...]:
+        """T = C_T k n^2 (n / n_hover)^e and Q = C_Q k R n^2, with the law's increments."""
+        reynolds = (max(rpm, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
+        lift = self._ct * self._per_rpm2 * rpm**2 * reynolds
+        arm = lift * self._radius
+        torque = self._cq * self._per_rpm2 * rpm**2 * self._radius
+        near = self._law.increments(h / self._radius, d / self._radius)
+        return (
+            lift * near.x,
+            lift * near.y,
+            lift * (1.0 + near.z),
+            arm * near.mx,
+            arm * near.my,
+            torque * near.mz,
+        )
+
+
+class WarpedModel(AirModel):
+    """A model with what it says of ground and wall multiplied, and asked at other distances and with another lift."""
+
+    method = "warped"
+
+    def __init__(
+        self,
+        inner: Any,
+        *,
+        gain: float = 1.0,
+        nearer: float = 1.0,
+        lift: float = 1.0,
+    ) -> None:
+        self._inner = inner
+        self._gain = gain
+        self._nearer = nearer
+        self._lift = lift
+
+    def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
+        """As a surrogate's."""
+        h, d, rpm = as_arrays(h, d, rpm)
+        near = self._inner.query(h * self._nearer, d * self._nearer, rpm)
+        far = free_air(self._inner, rpm)
         wrench = self._lift * (far + self._gain * (near.wrench - far))
         return Answer(wrench, near.sigma, near.trust)
 
-    def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """(..., 6)."""
-        return self.query(h, d, rpm).wrench
 
-    def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
-        """(fans, 6), with neither ground nor wall."""
-        far: list[list[float]] = self.query(np.inf, np.inf, np.array(rpm)).wrench.tolist()
-        return far
-
-
-class OfThisFan:
+class OfThisFan(AirModel):
     """What another fan's model says of ground and wall, in radii and shares of the lift, with this vehicle's lift."""
 
-    effects: tuple[AdoptedEffect, ...] = ()
-    calibration = SURE
+    method = "of this fan"
 
     def __init__(self, inner: Any, vehicle: Vehicle, inner_radius_m: float) -> None:
-        self.info: Mapping[str, Any] = {"method": "of this fan"}
-        self._inner, self._free, self._size = (
-            inner,
-            empty_model(vehicle),
-            vehicle.rotor_radius_m / inner_radius_m,
-        )
+        self._inner = inner
+        self._free = empty_model(vehicle)
+        self._size = vehicle.rotor_radius_m / inner_radius_m
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """As a surrogate's."""
-        h, d, rpm = np.broadcast_arrays(
-            np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float)
-        )
+        h, d, rpm = as_arrays(h, d, rpm)
         there = np.full(h.shape, RPM_HOVER)
         near = self._inner.query(h / self._size, d / self._size, there)
-        far = self._inner.query(np.full(h.shape, np.inf), np.full(h.shape, np.inf), there).wrench
-        free = self._free.query(np.full(h.shape, np.inf), np.full(h.shape, np.inf), rpm).wrench
-        share = (
-            (near.wrench - far)
-            / far[..., 2:3]
-            * np.array([1.0, 1.0, 1.0, self._size, self._size, self._size])
-        )
+        far = free_air(self._inner, there)
+        free = free_air(self._free, rpm)
+        arms = np.array([1.0] * 3 + [self._size] * 3)
+        share = (near.wrench - far) / far[..., 2:3] * arms
         wrench = free + free[..., 2:3] * share
         return Answer(wrench, np.zeros_like(wrench), near.trust)
-
-    def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """(..., 6)."""
-        return self.query(h, d, rpm).wrench
 
     def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
         """(fans, 6), with neither ground nor wall."""

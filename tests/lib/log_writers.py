@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -43,6 +44,10 @@ def heartbeat(armed: bool = True, autopilot: int = 3, mode: int = 4, kind: int =
     return mavlink.MAVLink_heartbeat_message(kind, autopilot, 128 * armed + 1, mode, 4, 3)
 
 
+Wire = tuple[int, bytes]
+"""Number and payload of a message that the dialect lacks."""
+
+
 def flight(
     seconds: float = 10.0,
     start_ms: int = 40_000,
@@ -56,99 +61,79 @@ def flight(
 ) -> list[tuple[int, bytes]]:
     """A hovering vehicle at 50 Hz: roll 0.1 sin t, height 0.5 m, 4000 rpm + 10 per ESC, 16.8 V falling 0.01 V/s."""
     out: list[tuple[int, bytes]] = []
-    number = 0
-
-    def put(t_us: int, message, component: int = 1) -> None:
-        nonlocal number
-        raw = (
-            message
-            if isinstance(message, bytes)
-            else frame(message, system, component, number % 256)
-        )
-        number += 1
+    for number, (t_us, message) in enumerate(_hover(seconds, start_ms, px4=px4, armed=armed)):
+        if isinstance(message, tuple):
+            raw = pack(*message, system, 1, number % 256)
+        else:
+            raw = frame(message, system, 1, number % 256)
         # A latency of its own for every message, never below the smallest.
-        late = latency_us + (number * 7919) % 3000
+        late = latency_us + ((number + 1) * 7919) % 3000
         out.append((arrival_us + int(t_us * (1.0 + drift)) + late, raw))
-
-    for k in range(round(seconds * 50)):
-        t_us = k * 20_000
-        ms, us = start_ms + k * 20, start_ms * 1000 + t_us
-        t = ms / 1000.0
-        roll = 0.1 * math.sin(t)
-        if k % 50 == 0:
-            put(t_us, heartbeat(armed, 12 if px4 else 3, 6 << 16 if px4 else 4))
-        put(
-            t_us, mavlink.MAVLink_attitude_message(ms, roll, 0.02, 0.3, 0.1 * math.cos(t), 0.0, 0.0)
-        )
-        put(
-            t_us,
-            mavlink.MAVLink_highres_imu_message(
-                us, 0.1, -0.2, -9.8, 0.1 * math.cos(t), 0.0, 0.0, *[0] * 7, 63
-            ),
-        )
-        put(t_us, mavlink.MAVLink_local_position_ned_message(ms, 1.0, 2.0, -0.5, 0.1, 0.2, 0.0))
-        put(
-            t_us,
-            mavlink.MAVLink_servo_output_raw_message(
-                us & 0xFFFFFFFF, 0, 1500, 1510, 1520, 1530, 1490, *[0] * 11
-            ),
-        )
-        put(t_us, mavlink.MAVLink_attitude_target_message(ms, 0, (1, 0, 0, 0), 0, 0, 0, 0.45))
-        if k % 3 == 0:
-            put(
-                t_us,
-                mavlink.MAVLink_distance_sensor_message(
-                    ms, 5, 800, 50, 0, 0, 25, 1, 0, 0, (0, 0, 0, 0), 0
-                ),
-            )
-            far = 900 if k % 30 == 0 else 120
-            put(
-                t_us,
-                mavlink.MAVLink_distance_sensor_message(
-                    ms, 5, 800, far, 0, 1, 2, 0, 0, 0, (0, 0, 0, 0), 0
-                ),
-            )
-        if k % 2 == 0:
-            rpm = (4000, 4010, 4020, 4030)
-            if px4:
-                put(
-                    t_us,
-                    pack(
-                        291,
-                        ESC_STATUS.unpacker.pack(us, *rpm, *[16.0] * 4, *[5.0] * 4, 0),
-                        system,
-                        1,
-                        number % 256,
-                    ),
-                )
-            else:
-                put(
-                    t_us,
-                    mavlink.MAVLink_esc_telemetry_1_to_4_message(
-                        [40] * 4, [1600] * 4, [500] * 4, [0] * 4, rpm, [k] * 4
-                    ),
-                )
-        if k % 25 == 0:
-            volts = round(16_800 - 10 * (t - start_ms / 1000.0))
-            cells = [volts, *[65535] * 9]
-            put(
-                t_us,
-                mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1),
-            )
-            put(t_us, mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000))
-            if px4:
-                put(
-                    t_us,
-                    pack(
-                        290,
-                        ESC_INFO.unpacker.pack(us, *[0] * 9, *[4100] * 4, 0, 4, 0, 15),
-                        system,
-                        1,
-                        0,
-                    ),
-                )
-    put(100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0))
     return sorted(out, key=lambda item: item[0])
+
+
+def _hover(
+    seconds: float,
+    start_ms: int,
+    *,
+    px4: bool,
+    armed: bool,
+) -> Iterator[tuple[int, object | Wire]]:
+    """Messages with their time since the start [us]."""
+    for k in range(round(seconds * 50)):
+        ms = start_ms + k * 20
+        if k % 50 == 0:
+            yield k * 20_000, heartbeat(armed, 12 if px4 else 3, 6 << 16 if px4 else 4)
+        for every, said in (
+            (1, _state(ms)),
+            (3, _distances(ms, lost=k % 30 == 0)),
+            (2, _escs(ms, k, px4=px4)),
+            (25, _power(ms, since_ms=k * 20, px4=px4)),
+        ):
+            for message in said if k % every == 0 else ():
+                yield k * 20_000, message
+    yield 100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0)
+
+
+def _state(ms: int) -> Iterator[object]:
+    t = ms / 1000.0
+    us = ms * 1000
+    roll, p = 0.1 * math.sin(t), 0.1 * math.cos(t)
+    force = (0.1, -0.2, -9.8)
+    outputs = (1500, 1510, 1520, 1530, 1490)
+    yield mavlink.MAVLink_attitude_message(ms, roll, 0.02, 0.3, p, 0.0, 0.0)
+    yield mavlink.MAVLink_highres_imu_message(us, *force, p, 0.0, 0.0, *[0] * 7, 63)
+    yield mavlink.MAVLink_local_position_ned_message(ms, 1.0, 2.0, -0.5, 0.1, 0.2, 0.0)
+    yield mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, *outputs, *[0] * 11)
+    yield mavlink.MAVLink_attitude_target_message(ms, 0, (1, 0, 0, 0), 0, 0, 0, 0.45)
+
+
+def _distances(ms: int, *, lost: bool) -> Iterator[object]:
+    """Down, and forward where the wall is out of reach now and then."""
+    rest = (0, 0, (0, 0, 0, 0), 0)
+    far = 900 if lost else 120
+    yield mavlink.MAVLink_distance_sensor_message(ms, 5, 800, 50, 0, 0, 25, 1, *rest)
+    yield mavlink.MAVLink_distance_sensor_message(ms, 5, 800, far, 0, 1, 2, 0, *rest)
+
+
+def _escs(ms: int, count: int, *, px4: bool) -> Iterator[object | Wire]:
+    rpm = (4000, 4010, 4020, 4030)
+    if px4:
+        volts, amperes = [16.0] * 4, [5.0] * 4
+        yield 291, ESC_STATUS.unpacker.pack(ms * 1000, *rpm, *volts, *amperes, 0)
+        return
+    constant = ([value] * 4 for value in (40, 1600, 500, 0))
+    yield mavlink.MAVLink_esc_telemetry_1_to_4_message(*constant, rpm, [count] * 4)
+
+
+def _power(ms: int, *, since_ms: int, px4: bool) -> Iterator[object | Wire]:
+    volts = round(16_800 - since_ms / 100.0)
+    cells = [volts, *[65535] * 9]
+    yield mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1)
+    yield mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000)
+    if px4:
+        counts, celsius = [0] * 9, [4100] * 4
+        yield 290, ESC_INFO.unpacker.pack(ms * 1000, *counts, *celsius, 0, 4, 0, 15)
 
 
 QUAD_MASS_KG, QUAD_CT, QUAD_RADIUS_M = 3.0, 0.0140, 0.14
