@@ -314,13 +314,10 @@ def reproduced(runs: Sequence[Run]) -> dict[str, Score]:
 
 
 def main() -> int:
-    parser = command_line.parser(__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     parser.add_argument("--validate", action="store_true", help="score flights for validation")
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     ours = fitted(raw_runs(a.clone, TRAINING, (1, 2, 3)))
     for name, value in ours.values.items():
         print(f"{name:24s} {value:.4g}")

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.signal import butter, correlate, sosfiltfilt
 from scipy.spatial.transform import Rotation
 from sources.clone import read
+from sources.motion import FLIP
 
 from models.common.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
@@ -45,8 +46,6 @@ RAD_S_PER_ERPM = 2.0 * np.pi / (6 * 60)
 """As the authors convert the electrical speed."""
 IMPOSSIBLE_ERPM = 3e5
 CUTOFF_HZ = {"place": 10.0, "speed": 18.0, "pose": 12.0, "motors": 20.0}
-FLIP = np.array([1.0, -1.0, -1.0])
-"""Left and up to right and down."""
 
 
 @dataclass(frozen=True)

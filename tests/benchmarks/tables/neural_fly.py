@@ -26,6 +26,7 @@ from result_file import add_option, figure, write_result
 from sources.clone import read
 
 from models.common.frames import Array
+from tables.neurobem import rms
 
 COMMIT = "0ed5024"
 FOLDER = "data/experiment"
@@ -87,11 +88,6 @@ def left(one: Flight) -> tuple[Array, Array, Array]:
     return calm, wind, both
 
 
-def rms(errors: Array) -> float:
-    """RMS of error vectors (n, 3)."""
-    return float(np.sqrt((errors**2).sum(axis=1).mean()))
-
-
 def check(baseline: dict[str, Flight]) -> None:
     """Raises SystemExit where the tracking errors of the baseline are not the known ones."""
     for wind, known in KNOWN_CM.items():
@@ -101,12 +97,9 @@ def check(baseline: dict[str, Flight]) -> None:
 
 
 def main() -> int:
-    parser = command_line.parser(__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     check({wind: flight(a.clone, "baseline", wind) for wind in WINDS})
     print("| wind | force [N] | less a constant | less drag, too |\n|---|---|---|---|")
     every = []

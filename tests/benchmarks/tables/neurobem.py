@@ -197,12 +197,9 @@ def told(flights: Sequence[Segment], theirs: Sequence[Array], ours: Sequence[Arr
 
 
 def main() -> int:
-    parser = command_line.parser(__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     flights = segments(a.clone)
     theirs = {
         "force": [s.their_force - s.force for s in flights],

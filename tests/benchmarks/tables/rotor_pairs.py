@@ -13,7 +13,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import command_line
 import numpy as np
@@ -81,12 +80,9 @@ def left_out(height: Array, ratio: Array) -> Array:
 
 
 def main() -> int:
-    parser = command_line.parser(__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     every = curves(read(a.clone, COMMIT, FILE).decode())
     height, ratio = every[COPLANAR]
     classic = rmse(bennett(height) - ratio)
