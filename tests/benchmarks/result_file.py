@@ -144,5 +144,6 @@ def _commit() -> str:
 
 
 def _machine() -> str:
-    cores, load = os.cpu_count(), os.getloadavg()[0]
+    cores = os.cpu_count()
+    load = os.getloadavg()[0]
     return f"{cores} cores ({platform.machine()}), load {load:.0f} at the end"

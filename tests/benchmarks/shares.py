@@ -13,11 +13,13 @@ def wilson(hits: int, trials: int, z: float = 1.96) -> tuple[float, float]:
     """
     if not trials:
         return (0.0, 1.0)
-    p, n = hits / trials, float(trials)
+    p = hits / trials
+    n = float(trials)
     scale = 1.0 + z * z / n
     middle = p + z * z / (2.0 * n)
     half = z * sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
-    low, high = (middle - half) / scale, (middle + half) / scale
+    low = (middle - half) / scale
+    high = (middle + half) / scale
     return (max(0.0, low), min(1.0, high))
 
 

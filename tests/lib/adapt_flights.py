@@ -41,7 +41,9 @@ class Pilot(ScriptedPilot):
         land_s: float = math.inf,
     ) -> None:
         super().__init__(world.flight, world.link, companion=True)
-        self._changes, self._end_s, self._land_s = changes, end_s, land_s
+        self._changes = changes
+        self._end_s = end_s
+        self._land_s = land_s
 
     @property
     def over(self) -> bool:
@@ -111,7 +113,8 @@ def fly(
 
 def push(flight: SimulatedFlight, force: Force) -> None:
     """An outer force at the CG, NED [N], from here on: ``force`` is asked at every physics step."""
-    body, inner = flight.body, flight.body._contact
+    body = flight.body
+    inner = flight.body._contact
 
     def contact(rot: tuple[float, ...]) -> None:
         inner(rot)
@@ -140,7 +143,8 @@ def hand(at_s: float, until_s: float) -> Force:
         b = flight.body
         if not held:
             held.append(list(b.position))
-        x, v = [p - q for p, q in zip(b.position, held[0], strict=True)], b.velocity
+        x = [p - q for p, q in zip(b.position, held[0], strict=True)]
+        v = b.velocity
         lift = 0.35 * flight.vehicle.mass_kg * GRAVITY
         return (
             -60.0 * x[0] - 10.0 * v[0],

@@ -21,7 +21,8 @@ from typing import Any
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 )
-PHONE, DESKTOP = (400, 800), (1280, 900)
+PHONE = (400, 800)
+DESKTOP = (1280, 900)
 """Width and height of the window [px]."""
 
 _FACTS = """({
@@ -93,7 +94,8 @@ class Browser:
         ]  # fmt: skip
 
         def descriptors() -> None:
-            low, high = os.dup(to_read), os.dup(to_write)  # out of the way of 3 and 4
+            low = os.dup(to_read)
+            high = os.dup(to_write)
             os.dup2(low, 3)
             os.dup2(high, 4)
 
@@ -103,7 +105,9 @@ class Browser:
         )  # fmt: skip
         os.close(to_read)
         os.close(to_write)
-        self._rest, self._number, self._session = b"", 0, ""
+        self._rest = b""
+        self._number = 0
+        self._session = ""
         self._events: list[dict[str, Any]] = []
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)[

@@ -98,7 +98,8 @@ def _hover(
 def _state(ms: int) -> Iterator[object]:
     t = ms / 1000.0
     us = ms * 1000
-    roll, p = 0.1 * math.sin(t), 0.1 * math.cos(t)
+    roll = 0.1 * math.sin(t)
+    p = 0.1 * math.cos(t)
     force = (0.1, -0.2, -9.8)
     outputs = (1500, 1510, 1520, 1530, 1490)
     yield mavlink.MAVLink_attitude_message(ms, roll, 0.02, 0.3, p, 0.0, 0.0)
@@ -119,7 +120,8 @@ def _distances(ms: int, *, lost: bool) -> Iterator[object]:
 def _escs(ms: int, count: int, *, px4: bool) -> Iterator[object | Wire]:
     rpm = (4000, 4010, 4020, 4030)
     if px4:
-        volts, amperes = [16.0] * 4, [5.0] * 4
+        volts = [16.0] * 4
+        amperes = [5.0] * 4
         yield 291, ESC_STATUS.unpacker.pack(ms * 1000, *rpm, *volts, *amperes, 0)
         return
     constant = ([value] * 4 for value in (40, 1600, 500, 0))
@@ -132,11 +134,14 @@ def _power(ms: int, *, since_ms: int, px4: bool) -> Iterator[object | Wire]:
     yield mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1)
     yield mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000)
     if px4:
-        counts, celsius = [0] * 9, [4100] * 4
+        counts = [0] * 9
+        celsius = [4100] * 4
         yield 290, ESC_INFO.unpacker.pack(ms * 1000, *counts, *celsius, 0, 4, 0, 15)
 
 
-QUAD_MASS_KG, QUAD_CT, QUAD_RADIUS_M = 3.0, 0.0140, 0.14
+QUAD_MASS_KG = 3.0
+QUAD_CT = 0.0140
+QUAD_RADIUS_M = 0.14
 """Of the shipped quad.toml."""
 
 
@@ -180,10 +185,12 @@ def quad_flight(
         (len(t), 3)
     )
     lost = rng.random(len(t)) < nan_share
-    force[lost], rates[lost] = np.nan, np.nan
+    force[lost] = np.nan
+    rates[lost] = np.nan
     out: list[tuple[int, bytes]] = []
     for k, at in enumerate(t.tolist()):
-        ms, us = start_ms + round(1e3 * at), start_ms * 1000 + round(1e6 * at)
+        ms = start_ms + round(1e3 * at)
+        us = start_ms * 1000 + round(1e6 * at)
         place = (ms, 0.0, 0.0, -20.0, 0.0, 0.0, -float(climb[k]))
         pwm = round(1100 + 800 * float(thrust[k]) / (2 * mass_kg * GRAVITY)) if fly else 1000
         messages = [
@@ -274,7 +281,9 @@ class TextWriter:
     """The same as text, as Mission Planner writes it: values in hundredths with two decimals."""
 
     def __init__(self, *, separator: str = ", ", end: str = "\r\n", decimal: str = ".") -> None:
-        self._separator, self._end, self._decimal = separator, end, decimal
+        self._separator = separator
+        self._end = end
+        self._decimal = decimal
         self._kinds: dict[str, str] = {}
         self.lines: list[str] = []
         self._line("FMT", 128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")

@@ -36,7 +36,10 @@ def coloured(rng: np.random.Generator, n: int, tau_s: float, step_s: float) -> A
 
 def path(rng: np.random.Generator, t: Array, places: Sequence[float], speed: float) -> Array:
     """Hold a place for some seconds, move smoothly to the next: (n,)."""
-    at, now, times, values = 0.0, float(rng.choice(places)), [0.0], [0.0]
+    at = 0.0
+    now = float(rng.choice(places))
+    times = [0.0]
+    values = [0.0]
     values[0] = now
     while at < t[-1]:
         at += rng.uniform(4.0, 12.0)
@@ -57,7 +60,8 @@ def path(rng: np.random.Generator, t: Array, places: Sequence[float], speed: flo
 def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
     """A flight whose residual is noise."""
     rng = np.random.default_rng(seed)
-    vehicle, model = default_vehicle(), models.load()
+    vehicle = default_vehicle()
+    model = models.load()
     step = 1.0 / RATE_HZ
     t = 10.0 + np.arange(int(seconds / step)) * step
     n = len(t)

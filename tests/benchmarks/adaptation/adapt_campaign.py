@@ -84,7 +84,8 @@ def cells(case: Case, ours: Flown, off: Flown, free: Flown) -> list[Cell]:
         for k in range(case.approaches + 1):
             here = ours.during(k or None)[:n]
             a, b, c = (getattr(f, axis)[:n][here] for f in (ours, off, free))
-            left, air = float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))
+            left = float(np.sum((a - c) ** 2))
+            air = float(np.sum((b - c) ** 2))
             rms, rms_off = (f.rms(axis, f.during(k or None)) for f in (ours, off))
             out.append(Cell(case, axis, k, rms, rms_off, left, air))
     return out
@@ -120,7 +121,8 @@ def report(found: Sequence[Cell]) -> str:
 
 
 def _line(here: Sequence[Cell]) -> str:
-    first, v = here[0], np.array([(c.rms, c.rms_off, c.left, c.air) for c in here])
+    first = here[0]
+    v = np.array([(c.rms, c.rms_off, c.left, c.air) for c in here])
     rms = interval(v, lambda x: float(np.sqrt(np.mean(x[:, 0] ** 2))))
     worse = interval(
         v, lambda x: 100.0 * float(np.sqrt(np.sum(x[:, 0] ** 2) / np.sum(x[:, 1] ** 2)) - 1.0)

@@ -55,7 +55,8 @@ class Truth:
 
 def thrust_ratio(flight: SimulatedFlight, model: Any) -> float:
     """True thrust over what the model has at the same speeds, in hover."""
-    body, vehicle = flight.body, flight.vehicle
+    body = flight.body
+    vehicle = flight.vehicle
     each = vehicle.mass_kg * 9.80665 / len(vehicle.fans)
     rpm = math.sqrt(each / (body._per_rpm2 * body._fans[0].ct))
     true = [
@@ -72,7 +73,8 @@ def carrying(seed: int) -> tuple[Watch, list[Truth]]:
         models.load(),
     )
     flight = simulated(vehicle, build("hover", vehicle), seed)
-    ratio, at_s = thrust_ratio(flight, model), 25.0
+    ratio = thrust_ratio(flight, model)
+    at_s = 25.0
     watch = fly(
         flight,
         PipelineConfig(vehicle=vehicle, model=model, adapt=Adapt.FULL),
@@ -91,9 +93,14 @@ def carrying(seed: int) -> tuple[Watch, list[Truth]]:
 
 def blown(seed: int) -> tuple[Watch, list[Truth]]:
     """A wind of 0.5 to 3.5 m/s rises: as much as the hold's tilt stands against."""
-    rng, vehicle, model = random.Random(f"wind {seed}"), default_vehicle(), models.load()
-    speed, towards, at_s = rng.uniform(0.5, 3.5), rng.uniform(-math.pi, math.pi), 20.0
-    north, east = speed * math.cos(towards), speed * math.sin(towards)
+    rng = random.Random(f"wind {seed}")
+    vehicle = default_vehicle()
+    model = models.load()
+    speed = rng.uniform(0.5, 3.5)
+    towards = rng.uniform(-math.pi, math.pi)
+    at_s = 20.0
+    north = speed * math.cos(towards)
+    east = speed * math.sin(towards)
     watch = fly(
         simulated(vehicle, build("hover", vehicle), seed),
         PipelineConfig(vehicle=vehicle, model=model, adapt=Adapt.FULL), 50.0, wind(at_s, north, east),
@@ -108,7 +115,8 @@ def blown(seed: int) -> tuple[Watch, list[Truth]]:
 def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
     """Twice up to a ceiling whose pull is 0.5 to 1.5 of the model's."""
     gain = random.Random(f"ceiling {seed}").uniform(0.5, 1.5)
-    vehicle, model = with_ceiling_sensor(default_vehicle()), models.load()
+    vehicle = with_ceiling_sensor(default_vehicle())
+    model = models.load()
     known = model.with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
     heights = (
         (0, 1.2),
@@ -176,7 +184,8 @@ def declared_by_servo(vehicle: Vehicle) -> Vehicle:
 
 def cornered(seed: int) -> tuple[Watch, list[Truth]]:
     """The corner with a model that is right."""
-    vehicle, law = default_vehicle(), disturbed(seed)
+    vehicle = default_vehicle()
+    law = disturbed(seed)
     model = TrueModel(vehicle, law)
     flight = simulated(vehicle, build("corner", vehicle), seed, law=law)
     ratio = thrust_ratio(flight, model)

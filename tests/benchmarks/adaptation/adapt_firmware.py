@@ -51,8 +51,10 @@ def true_force(path: Path, time_s: Array) -> Array:
     corner_down = table["cornD"] if "cornD" in (table.dtype.names or ()) else np.zeros(len(table))
     w, x, y, z = (table[name] for name in ("qw", "qx", "qy", "qz"))
     heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    north, east = table["wallN"] + table["cornN"], table["wallE"] + table["cornE"]
-    c, s = np.cos(heading), np.sin(heading)
+    north = table["wallN"] + table["cornN"]
+    east = table["wallE"] + table["cornE"]
+    c = np.cos(heading)
+    s = np.sin(heading)
     force = (c * north + s * east, c * east - s * north, corner_down - table["Tge"])
     return np.stack([np.interp(time_s, table["t"], f) for f in force], axis=1)
 
@@ -69,7 +71,8 @@ def compensated(vehicle_file: Path, log: Path, kind: str, mode: str) -> tuple[Ar
     config = PipelineConfig(
         vehicle=vehicle, model=wrong_model(kind, vehicle), dry_run=True, adapt=MODES[mode]
     )
-    times, rows = [], []
+    times = []
+    rows = []
     for decision in decisions(log, config):
         d = decision.disturbance
         if d is not None and d.free_lift_n > 0.5 * vehicle.mass_kg * GRAVITY:
@@ -98,7 +101,8 @@ def main() -> int:
     for vehicle, name in tqdm(
         [f for f in FLIGHTS if a.only in f[1]], file=sys.stderr, disable=not sys.stderr.isatty()
     ):
-        log, truth = a.data / f"{name}.tlog", a.data / f"{name}.truth.csv"
+        log = a.data / f"{name}.tlog"
+        truth = a.data / f"{name}.truth.csv"
         if not log.exists():
             print(f"left out: {name}: not there", file=sys.stderr)
             continue

@@ -114,7 +114,8 @@ def decisions(log: Path, config: PipelineConfig) -> Iterator[Decision]:
 
 def predicted(blocks: list[tuple[float, BlockResidual, Any]]) -> tuple[Any, Any]:
     """RMS (5,) of the residual over the ten seconds after each block, without and with its sizes."""
-    plain, better = [], []
+    plain = []
+    better = []
     for k, (t, _, offset) in enumerate(blocks):
         for later_s, seen, _ in blocks[k + 1 :]:
             if later_s > t + AHEAD_S:

@@ -106,7 +106,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def run_one(folder: Path, case: Case, model: Path | None, args: argparse.Namespace) -> Row:
     """``replay diagnose`` on one flight, judged."""
-    base, truth = stem(folder, case), read_truth(folder, case)
+    base = stem(folder, case)
+    truth = read_truth(folder, case)
     out = base.with_name(case.name + ".answer.json")
     if not args.judge:
         out.unlink(missing_ok=True)
@@ -114,7 +115,8 @@ def run_one(folder: Path, case: Case, model: Path | None, args: argparse.Namespa
         sys.executable, "-m", "replay", "diagnose", f"{base}.tlog", "--vehicle", f"{base}.toml",
         "--model", str(model) if truth["model"] == "table" else "none", "--json", str(out), "--quiet",
     ]  # fmt: skip
-    begun, complaint = time.perf_counter(), ""
+    begun = time.perf_counter()
+    complaint = ""
     if not out.exists():
         complaint = diagnose(command, args.timeout)
     answer = json.loads(out.read_text()) if out.exists() and not complaint else None

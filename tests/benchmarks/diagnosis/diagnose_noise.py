@@ -119,7 +119,8 @@ def _centre(
     """A coefficient before scaling: what makes the effect what it is, by a sign it may have; no side terms."""
     if effect.main and coefficient.name not in effect.main:
         return 0.0
-    low, high = coefficient.least(record.context), coefficient.most(record.context)
+    low = coefficient.least(record.context)
+    high = coefficient.most(record.context)
     if low > 0.0:
         return low
     wide = high if high > -low else low
@@ -130,7 +131,8 @@ def one(job: tuple[int, float, bool]) -> Outcome:
     """Diagnose one record."""
     seed, seconds, add = job
     tau = TAUS_S[seed % len(TAUS_S)]
-    record, true = noise_record(seed, seconds, tau), None
+    record = noise_record(seed, seconds, tau)
+    true = None
     if add:
         record, true = with_effect(record, seed)
     answer = conclude([record])

@@ -137,9 +137,11 @@ def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout
             command, cwd=REPO, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, check=False,
             preexec_fn=be_nice,
         )  # fmt: skip
-        code, complaint = done.returncode, done.stderr.strip()
+        code = done.returncode
+        complaint = done.stderr.strip()
     except subprocess.TimeoutExpired:
-        code, complaint = -1, f"no answer in {timeout:g} s"
+        code = -1
+        complaint = f"no answer in {timeout:g} s"
     seconds = time.perf_counter() - begun
     answer = json.loads(out.read_text()) if code == 0 and out.exists() else None
     verdict = judge(name, truth, answer, code)

@@ -105,7 +105,9 @@ def _judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Ju
         missed = () if found or name not in MUST_FIND else tuple(truth["effects"])
         return Judgement(right, right, tuple(sorted(wrong)), missed, note, ratio)
     wanted = set(truth["effects"])
-    missed_names, used, exact = set(), set(), True
+    missed_names = set()
+    used = set()
+    exact = True
     for effect in wanted:
         if effect in reported:
             used.add(effect)

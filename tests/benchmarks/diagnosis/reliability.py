@@ -19,7 +19,8 @@ from typing import Any
 import command_line
 from shares import share, wilson
 
-PROBABILITY, Q_VALUE = "probability", "1 - q_value"
+PROBABILITY = "probability"
+Q_VALUE = "1 - q_value"
 EDGES = {
     PROBABILITY: (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0),
     Q_VALUE: (0.0, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 1.0),

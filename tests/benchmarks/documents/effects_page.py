@@ -28,8 +28,11 @@ from models.effects.flight_use import InFlight
 from models.effects.pictures import over_time
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
-PAGE, PICTURE = DOCS / "effects.md", DOCS / "effects.png"
-SECONDS, STEP_S, COLUMNS = 120.0, 0.2, 4
+PAGE = DOCS / "effects.md"
+PICTURE = DOCS / "effects.png"
+SECONDS = 120.0
+STEP_S = 0.2
+COLUMNS = 4
 _HEAD = """# Effects
 
 This is the catalogue of what `replay diagnose` can name. `python tests/benchmarks documents.effects_page` writes this
@@ -60,7 +63,9 @@ def flight() -> Context:
     def each(values: Array, count: int) -> Array:
         return np.repeat(values[:, None], count, axis=1)
 
-    fans, rotors, radius = len(vehicle.fans), len(vehicle.rotors), vehicle.rotor_radius_m
+    fans = len(vehicle.fans)
+    rotors = len(vehicle.rotors)
+    radius = vehicle.rotor_radius_m
     yaw = swing(0.0, 2.0, 90.0)
     velocity = np.stack(
         [swing(-3.0, 3.0, 23.0), swing(-3.0, 3.0, 31.0), swing(-1.5, 1.5, 17.0)], axis=1

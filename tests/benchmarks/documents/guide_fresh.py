@@ -55,7 +55,8 @@ def main() -> int:
     add_option(p)
     a = p.parse_args()
     with tempfile.TemporaryDirectory(prefix="fresh") as made:
-        copy, here = Path(made) / "checkout", Path(made) / "empty"
+        copy = Path(made) / "checkout"
+        here = Path(made) / "empty"
         copy.mkdir()
         here.mkdir()
         files = subprocess.run(
@@ -67,7 +68,8 @@ def main() -> int:
         subprocess.run([sys.executable, "-c", script], cwd=here, check=True)
         environment = {**os.environ, "PATH": f"{copy / '.venv' / 'bin'}:{os.environ['PATH']}"}
         environment.pop("PYTHONPATH", None)
-        failed, plotted = 0, None
+        failed = 0
+        plotted = None
         for line in blocks(a.guide):
             if "# on the vehicle" in line:
                 continue

@@ -107,7 +107,8 @@ def main() -> int:
     for page, grade in sorted(found.items(), key=lambda item: -item[1]):
         words = len(running_text(page.read_text(encoding="utf-8")).split())
         print(f"{grade:5.1f}  {page.relative_to(ROOT)}  ({words} words of running text)")
-    worst, readme = max(found.values()), found[PAGES[0]]
+    worst = max(found.values())
+    readme = found[PAGES[0]]
     words = len(PAGES[0].read_text(encoding="utf-8").split())
     figures = [
         figure(

@@ -23,8 +23,10 @@ import command_line
 
 ROOT = Path(__file__).resolve().parents[3]
 RESULTS = ROOT / "tests" / "benchmarks" / "results"
-PAGE, README = ROOT / "docs" / "results.md", ROOT / "README.md"
-START, END = "<!-- results: start -->", "<!-- results: end -->"
+PAGE = ROOT / "docs" / "results.md"
+README = ROOT / "README.md"
+START = "<!-- results: start -->"
+END = "<!-- results: end -->"
 SEEN = ("first seen", "looked at in development")
 _MET = {True: "yes", False: "**missed**", None: ""}
 _HEAD = """# Results

@@ -157,7 +157,8 @@ def fly_all(
     jobs: Sequence[Job], done: dict[Job, Result], a: argparse.Namespace
 ) -> dict[Job, Result]:
     """Every job that is not done; rows are printed as flights end."""
-    left, bars = [job for job in jobs if job not in done], Bars()
+    left = [job for job in jobs if job not in done]
+    bars = Bars()
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
         pending = {pool.submit(fly_named, job, Adapt(a.adapt)): job for job in left}
         for future in as_completed(pending):
@@ -184,7 +185,8 @@ def main() -> int:
     print(f"simulated, in lockstep, seed {a.seed}\n{HEAD}", flush=True)
     done = fly_all(jobs, {job: r for job, r in before.items() if job in jobs}, a)
     results = [done[job] for job in jobs]
-    outputs, broken = sum(r.outputs for r in results), [r for r in results if r.broken]
+    outputs = sum(r.outputs for r in results)
+    broken = [r for r in results if r.broken]
     odd = sum(bool(complaints(BY_NAME[r.fault], r)) for r in results)
     print(
         f"{len(results)} flights, {len({r.fault for r in results})} faults, {outputs} setpoints checked: "

@@ -20,7 +20,8 @@ from faults.campaign import STACKS
 from models.vehicle import Vehicle, load_vehicle
 
 WINDS_M_S = (1.5, 2.5, 4.0)
-HEIGHT_M, SECONDS = 2.5, 4.0
+HEIGHT_M = 2.5
+SECONDS = 4.0
 
 
 def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:

@@ -23,7 +23,8 @@ from typing import Any
 import command_line
 from result_file import add_option, counted, figure, write_result
 
-GOAL_S, MOST_S = 15.0, 600.0
+GOAL_S = 15.0
+MOST_S = 600.0
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,8 @@ def script() -> Scenario:
         (3.0, 1.4, 0.0, "free"), (2.4, 1.4, 0.0, "fast climb"), (5.0, 0.2, 0.0, "1.2 R"), (2.4, 0.2, 0.0, "descend"),
         (4.0, 1.4, 0.0, "free"), (0.0, 1.4, 0.0, "end"),
     ]  # fmt: skip
-    waypoints, at = [], 0.0
+    waypoints = []
+    at = 0.0
     for seconds, gap, along, name in stops:
         waypoints.append(Waypoint(at, 0.0, CEILING_M - gap, along, name))
         at += seconds
@@ -152,7 +153,8 @@ def changes(old: Sequence[Flown], new: Sequence[Flown], *, under: bool) -> dict[
 
     out = {}
     for axis in AXES:
-        a, b = np.array([rms(f, axis) for f in old]), np.array([rms(f, axis) for f in new])
+        a = np.array([rms(f, axis) for f in old])
+        b = np.array([rms(f, axis) for f in new])
         difference = b - a
         half = math.nan
         if len(a) > 1:
@@ -166,7 +168,8 @@ def changes(old: Sequence[Flown], new: Sequence[Flown], *, under: bool) -> dict[
 
 def diagnose(logs: Sequence[Path], vehicle: Path, folder: Path) -> tuple[Path, dict[str, Any]]:
     """``replay diagnose --save-model`` on the learning flights: the amended model and the answer."""
-    model, answer = folder / "amended", folder / "answer.json"
+    model = folder / "amended"
+    answer = folder / "answer.json"
     command = ["diagnose", *map(str, logs), "--vehicle", str(vehicle), "--quiet"]
     if (
         replay(
@@ -195,7 +198,8 @@ def measure(seeds: Sequence[int], folder: Path, *, quiet: bool = False) -> dict[
         f"{answer['verdict']}: "
         + ", ".join(f"{e['name']} ({e['status']})" for e in answer["effects"])
     )
-    old, new = [], []
+    old = []
+    new = []
     for seed in seeds:
         old.append(fly(seed, None, vehicle))
         new.append(fly(seed, model, vehicle))
@@ -260,7 +264,8 @@ def main() -> int:
         print(text) if a.json == "-" else Path(a.json).write_text(text + "\n", encoding="utf-8")
     if a.json != "-":
         print(as_text(result))
-    height, aside = result["under_the_ceiling"]["height"], result["whole_flight"]["lateral"]
+    height = result["under_the_ceiling"]["height"]
+    aside = result["whole_flight"]["lateral"]
     figures = [
         figure("height error under the ceiling [mm], shipped model", f"{height['old']:.1f}"),
         figure("the same, amended model", f"{height['new']:.1f}"),

@@ -37,13 +37,16 @@ def declared(kind: str, vehicle: Vehicle, folder: Path) -> str:
 
 def scaled(model: FanSurrogate, vehicle: Vehicle, gain: float, nearer: float) -> FanSurrogate:
     """The model of this vehicle's fan: increments times ``gain``, distances in its radii over ``nearer``."""
-    nets, law = model.regressor, model.free_air_law
+    nets = model.regressor
+    law = model.free_air_law
     assert isinstance(nets, NetEnsemble)
     radius = model.info["fan"]["radius_m"]
     size = vehicle.rotor_radius_m / radius
     far = size / nearer
     arms = [1.0, 1.0, 1.0, size, size, size]
-    c, d, k = model.coordinates, model.domain, model.calibration
+    c = model.coordinates
+    d = model.domain
+    k = model.calibration
     if size != 1.0:
         lift = models.choice.choose(vehicle, "none").model.free_air_law
         law = replace(law, lift_n=lift.lift_n, rpm_ref=lift.rpm_ref, exponent=0.0, share=lift.share)

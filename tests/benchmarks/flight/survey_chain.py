@@ -35,7 +35,8 @@ from models.surrogate.empty import empty_model
 from models.vehicle import Vehicle, load_vehicle
 from replay.cli import main as replay
 
-AIR, BUILD = 11, 11
+AIR = 11
+BUILD = 11
 """The seeds of the one air and of the one vehicle."""
 WALL_M = 1.2
 LIMIT_S = 400.0
@@ -107,7 +108,8 @@ def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
     vehicle = load_vehicle(path)
     log, became = survey(vehicle, box, folder)
     print(f"survey: {became}", file=sys.stderr, flush=True)
-    found, answer = folder / "model", folder / "answer.json"
+    found = folder / "model"
+    answer = folder / "answer.json"
     command = ["diagnose", str(log), "--vehicle", str(path), "--model", "none", "--quiet"]
     replay([*command, "--save-model", str(found), "--json", str(answer)])
     diagnosis = json.loads(answer.read_text(encoding="utf-8"))

@@ -59,9 +59,11 @@ def ask(
                 command, cwd=REPO, capture_output=True, text=True, timeout=timeout_s, check=False,
                 env=ENVIRONMENT | (environment or {}), preexec_fn=be_nice,
             )  # fmt: skip
-            code, complaint = done.returncode, (done.stderr.strip().splitlines() or [""])[-1]
+            code = done.returncode
+            complaint = (done.stderr.strip().splitlines() or [""])[-1]
         except subprocess.TimeoutExpired:
-            code, complaint = -1, f"no answer in {timeout_s:g} s"
+            code = -1
+            complaint = f"no answer in {timeout_s:g} s"
         answer = json.loads(out.read_text()) if code == 0 and out.exists() else None
         return Asked(answer, code, complaint, time.perf_counter() - begun)
 

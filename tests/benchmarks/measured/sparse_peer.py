@@ -35,11 +35,13 @@ class SparseRegression:
 
     def fit(self, x: Array, y: Array) -> SparseRegression:
         """(n, k) features in the order of time, (n, m) residual."""
-        self.features, self.residual = StandardScaler().fit(x), StandardScaler().fit(y)
+        self.features = StandardScaler().fit(x)
+        self.residual = StandardScaler().fit(y)
         self.library = pysindy.PolynomialLibrary(degree=DEGREE, include_bias=False)
         terms = np.asarray(self.library.fit_transform(self.features.transform(x)))
         self.terms = StandardScaler().fit(terms)
-        columns, targets = self.terms.transform(terms), self.residual.transform(y)
+        columns = self.terms.transform(terms)
+        targets = self.residual.transform(y)
         self.chosen = [_choose(columns, axis) for axis in targets.T]
         self.weights = np.stack(
             [_fit(columns, axis, c) for axis, c in zip(targets.T, self.chosen, strict=True)]

@@ -46,8 +46,10 @@ from replay.predict.day import learning_time
 from replay.predict.predict import LEAST_S, predicted
 from replay.residual.record import Record
 
-OURS, MEAN = "ours", "mean"
-FROZEN, TWENTY = "frozen", "twenty_seconds"
+OURS = "ours"
+MEAN = "mean"
+FROZEN = "frozen"
+TWENTY = "twenty_seconds"
 GOALS = {FROZEN: 0.45, TWENTY: 0.33}
 SPACING_S = 0.2
 """Of the samples that black boxes learn from: the residual holds nothing above 2 Hz."""
@@ -125,7 +127,8 @@ def black_boxes() -> dict[str, Callable[[], object]]:
 
 def features(record: Record) -> Array:
     """(n, k): velocity, rates and the vertical in the body, thrust of every fan, its square, height, voltage."""
-    ctx, state = record.context, record.context.state
+    ctx = record.context
+    state = record.context.state
     thrust = ctx.thrust / ctx.weight
     height = np.nan_to_num(
         np.minimum(np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1), 3.0),
@@ -230,7 +233,8 @@ def learn(a: Flight) -> dict[str, object]:
     """Every black box on one flight: residual of three forces by the features."""
     every = max(round(SPACING_S / a.record.step_s), 1)
     rows = np.flatnonzero(a.record.valid)[::every]
-    x, y = features(a.record)[rows], np.nan_to_num(a.record.residual)[rows, :3]
+    x = features(a.record)[rows]
+    y = np.nan_to_num(a.record.residual)[rows, :3]
     out = {}
     for name, make in black_boxes().items():
         step = max(len(rows) // GP_POINTS, 1) if name == "gaussian process" else 1
@@ -271,7 +275,8 @@ def interval(
     A pair counts as often as the product of how often its flights are drawn (Owen 2007, Annals of Applied Statistics 1,
     386): pairs that share a flight are no independent evidence. Two flights give no interval but the values.
     """
-    logs, rng = np.log(np.asarray(values)), np.random.default_rng(0)
+    logs = np.log(np.asarray(values))
+    rng = np.random.default_rng(0)
     if pairs is None:
         weights = rng.multinomial(len(logs), np.full(len(logs), 1.0 / len(logs)), DRAWS)
     else:

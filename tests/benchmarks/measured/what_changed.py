@@ -135,7 +135,8 @@ def main() -> int:
             f"{'ok' if right else '--'} {case.today.source}: {case.today.name}: {truth}; named: {names}",
             flush=True,
         )
-    changed, same = [n for c, n in found if c.changed], [n for c, n in found if not c.changed]
+    changed = [n for c, n in found if c.changed]
+    same = [n for c, n in found if not c.changed]
     sums = {
         "true change first": (sum(n.first for n in changed), len(changed)),
         "nothing else named": (sum(n.alone for n in changed), len(changed)),

@@ -44,7 +44,8 @@ def answer(log: Path, command: str, vehicle: Path | None) -> str:
     arguments += ["--vehicle", str(vehicle)] if vehicle is not None else []
     if command == "diagnose" and vehicle is not None:
         arguments += ["--model", "none"]
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = replay(arguments)
     body: Any = None

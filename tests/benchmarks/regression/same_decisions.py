@@ -40,7 +40,8 @@ from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples
 
 _CLOSE = 1e-9
-_THRUST, _TILTS = 3, (4, 5)
+_THRUST = 3
+_TILTS = (4, 5)
 """Places of the offset in ``numbers``."""
 _GAINS = (
     "position_1_s", "velocity_1_s", "integral_1_s2", "height_1_s", "climb_1_s", "climb_integral_1_s2", "tilt_lead_s",
@@ -180,7 +181,8 @@ def main() -> int:
     work = [(log, way) for log in logs for way in ways(log)]
     stored: dict[str, np.ndarray] = {}
     before = {} if a.against is None else np.load(a.against)
-    worst, decisions = 0.0, 0
+    worst = 0.0
+    decisions = 0
     with ProcessPoolExecutor(a.jobs) as pool:
         for (log, way), done in zip(
             work, tqdm(pool.map(job, work), total=len(work), disable=None), strict=True

@@ -226,7 +226,8 @@ def damaged_stream(frames: list[bytes], rng: random.Random) -> bytes:
     shots = np.random.default_rng(rng.getrandbits(64))
     hits = shots.integers(0, len(data), len(frames) // 3)
     data[hits] = shots.integers(0, 256, len(hits), dtype=np.uint8)
-    pieces, at = [], 0
+    pieces = []
+    at = 0
     for end in sorted(rng.randrange(len(data)) for _ in range(len(frames) // 50)):
         pieces.append(data[at:end].tobytes())
         at = end + rng.choice((0, 0, 1, 7, 40)) - rng.choice((0, 0, 3, 60))
@@ -238,7 +239,8 @@ def damaged_stream(frames: list[bytes], rng: random.Random) -> bytes:
 
 def decoder(number: int, limits: Limits) -> Counts:
     """``number`` frames through reader and intake."""
-    rng, counts = random.Random(f"decoder {limits.seed}"), Counts()
+    rng = random.Random(f"decoder {limits.seed}")
+    counts = Counts()
     while counts.inputs < number:
         counts.progress(counts.inputs, number, "decoder", limits.bars)
         frames = [
@@ -248,7 +250,10 @@ def decoder(number: int, limits: Limits) -> Counts:
         whole = counts.inputs // STREAM_FRAMES % 2 == 0
         data = b"".join(frames) if whole else damaged_stream(frames, rng)
         counts.inputs += STREAM_FRAMES
-        reader, intake, now_us, at = FrameReader(), Intake(), START_US, 0
+        reader = FrameReader()
+        intake = Intake()
+        now_us = START_US
+        at = 0
         started = time.perf_counter()
         try:
             while at < len(data):
@@ -266,14 +271,19 @@ def decoder(number: int, limits: Limits) -> Counts:
 
 def live(number: int, limits: Limits) -> Counts:
     """``number`` mutated frames through reader, intake and ``step``, between those of a vehicle that hovers."""
-    rng, counts = random.Random(f"live {limits.seed}"), Counts()
+    rng = random.Random(f"live {limits.seed}")
+    counts = Counts()
     config = PipelineConfig(vehicle=default_vehicle(), model=models.load())
-    reader, intake, state = FrameReader(), Intake(), initial_state(config)
+    reader = FrameReader()
+    intake = Intake()
+    state = initial_state(config)
     k = 0
     while counts.inputs < number:
         if k % TICKS == 0:
             counts.progress(counts.inputs, number, "flight", limits.bars)
-            reader, intake, state = FrameReader(), Intake(), initial_state(config)
+            reader = FrameReader()
+            intake = Intake()
+            state = initial_state(config)
         # The first three seconds are quiet, so that the hold engages.
         hit = MUTATED_PER_TICK if k % TICKS > 150 else 0
         data = sound_flight(k % TICKS) + b"".join(mutated(k % TICKS, rng) for _ in range(hit))
@@ -293,7 +303,9 @@ def live(number: int, limits: Limits) -> Counts:
                     check_sound(decision.command)
         except Exception as error:
             counts.fail(limits.keep, f"live-{limits.seed}-{counts.inputs}.bin", data, error)
-            reader, intake, state = FrameReader(), Intake(), initial_state(config)
+            reader = FrameReader()
+            intake = Intake()
+            state = initial_state(config)
         counts.took(time.perf_counter() - started, limits.hang_s, f"live input {counts.inputs}")
         k += 1
     return counts
@@ -326,7 +338,9 @@ def each(k: int) -> list[bytes]:
 
 def files(number: int, limits: Limits, logs: Path | None) -> Counts:
     """``number`` mutated files through the log readers."""
-    rng, counts, good = random.Random(f"files {limits.seed}"), Counts(), list(seeds_of_logs(logs))
+    rng = random.Random(f"files {limits.seed}")
+    counts = Counts()
+    good = list(seeds_of_logs(logs))
     with tempfile.TemporaryDirectory() as folder:
         for k in range(number):
             counts.progress(k, number, "files", limits.bars)
@@ -370,7 +384,8 @@ def log_kinds() -> tuple[LogKind, ...]:
 def records(number: int, limits: Limits, kind: LogKind) -> Counts:
     """``number`` mutated records through the reader of one format, some hundred in a file."""
     name = kind.suffix[1:]
-    rng, counts = random.Random(f"{name} {limits.seed}"), Counts()
+    rng = random.Random(f"{name} {limits.seed}")
+    counts = Counts()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"f{kind.suffix}"
         while counts.inputs < number:
@@ -387,7 +402,8 @@ def records(number: int, limits: Limits, kind: LogKind) -> Counts:
 
 def as_text(name: str, c: Counts) -> str:
     """One line, and one for each failure."""
-    early, late = c.memory_mib[len(c.memory_mib) // 4], c.memory_mib[-1]
+    early = c.memory_mib[len(c.memory_mib) // 4]
+    late = c.memory_mib[-1]
     seen = {
         "decoder": f"{c.inputs} frames sent, {c.frames} good ones cut out, {c.samples} samples",
         "flight": f"{c.inputs} mutated frames, {c.samples} samples, {c.decisions} decisions, {c.commands} setpoints",

@@ -16,7 +16,9 @@ SHARES = (0.05, 0.3, 1.0)
 """Of the records of one file that are mutated: seldom ones meet a reader that has understood the rest."""
 _DEFINITIONS_TOO = 0.1
 """Of the files: definitions (FMT, formats, subscriptions) are mutated as well."""
-_BIN_HEAD, _BIN_FMT, _ULG_HEAD = 3, 128, 16
+_BIN_HEAD = 3
+_BIN_FMT = 128
+_ULG_HEAD = 16
 """Bytes of a .BIN record's header, its type for FMT, and of a .ulg file's header."""
 
 
@@ -35,7 +37,9 @@ class LogKind:
 
     def mutated(self, rng: random.Random, change: Change, damage: Change) -> tuple[bytes, int]:
         """A file and how many of its records are mutated: ``change`` makes a payload, ``damage`` a whole record."""
-        share, out, count = rng.choice(SHARES), [self.head], 0
+        share = rng.choice(SHARES)
+        out = [self.head]
+        count = 0
         own = share if rng.random() < _DEFINITIONS_TOO else 0.0
         for part, hit in ((self.definitions, own), (self.records, share)):
             for record in part:
@@ -65,7 +69,10 @@ def tlog_kind(records: Sequence[bytes]) -> LogKind:
 
 def bin_kind(data: bytes) -> LogKind:
     """A .BIN: two magic bytes, a type, and a payload as long as that type's FMT record says."""
-    lengths, definitions, records, at = {_BIN_FMT: 89}, [], [], 0
+    lengths = {_BIN_FMT: 89}
+    definitions = []
+    records = []
+    at = 0
     while at < len(data):
         kind = data[at + 2]
         record = data[at : at + lengths[kind]]
@@ -80,7 +87,9 @@ def bin_kind(data: bytes) -> LogKind:
 
 def ulg_kind(data: bytes) -> LogKind:
     """A .ulg: a header, then records of a length, a type and a payload."""
-    definitions, records, at = [], [], _ULG_HEAD
+    definitions = []
+    records = []
+    at = _ULG_HEAD
     while at < len(data):
         size, kind = struct.unpack_from("<HB", data, at)
         record = data[at : at + 3 + size]

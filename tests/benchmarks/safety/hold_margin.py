@@ -53,11 +53,15 @@ from models.vehicle import load_vehicle
 DT = 0.005
 HOVER = 0.42
 THRUST_LAG_S = 0.06
-TAU_S, DELAY_S = 0.07, 0.10
+TAU_S = 0.07
+DELAY_S = 0.10
 """The attitude loop at speed 1: fitted to a recording of ArduCopter 4.6.3 with its default parameters."""
-GROUND_SHARE, GROUND_M = 0.10, 0.15
+GROUND_SHARE = 0.10
+GROUND_M = 0.15
 """Lift gained at touch-down, as a share of the weight, and its e-fold."""
-WALL_SHARE, WALL_M, WALL_AT_M = 0.06, 0.17, 1.2
+WALL_SHARE = 0.06
+WALL_M = 0.17
+WALL_AT_M = 1.2
 """Pull at the wall, its e-fold, and where the wall is north of the start (from the vehicle's own edge)."""
 PATH = ((0.0, 0.0, 1.0), (4.0, 0.0, 1.0), (7.0, 0.0, 0.15), (10.0, 0.0, 0.15), (13.0, 0.0, 1.0), (16.0, 0.0, 1.0),
         (19.5, 1.05, 1.0), (22.5, 1.05, 1.0), (25.5, 1.05, 0.15), (28.5, 1.05, 0.15), (32.0, 0.0, 0.15),
@@ -124,14 +128,19 @@ class Craft:
     """The vehicle: state, and the messages that it sends."""
 
     def __init__(self, plant: Plant, seed: int) -> None:
-        self.plant, self.rng = plant, np.random.default_rng(seed)
-        self.position, self.velocity = np.array([0.0, 0.0, -1.0]), np.zeros(3)
-        self.first, self.tilt = np.zeros(2), np.zeros(2)
+        self.plant = plant
+        self.rng = np.random.default_rng(seed)
+        self.position = np.array([0.0, 0.0, -1.0])
+        self.velocity = np.zeros(3)
+        self.first = np.zeros(2)
+        self.tilt = np.zeros(2)
         self.thrust = HOVER
-        self.delay_s, self.tau_s = DELAY_S / plant.speed, TAU_S / plant.speed
+        self.delay_s = DELAY_S / plant.speed
+        self.tau_s = TAU_S / plant.speed
         depth = 1 + round(self.delay_s / DT)
         self.commands = deque([np.zeros(2)] * depth, maxlen=depth)
-        self.wanted, self.wanted_thrust = np.zeros(2), HOVER
+        self.wanted = np.zeros(2)
+        self.wanted_thrust = HOVER
         self.gust = np.zeros(3)
         self.contact_s = 0.0
         self.waiting: deque[tuple[float, LocalPosition]] = deque()
@@ -144,7 +153,8 @@ class Craft:
         self.tilt = self.tilt + share * (self.first - self.tilt)
         self.thrust += DT / THRUST_LAG_S * (self.wanted_thrust - self.thrust)
         self.gust += DT / 2.0 * (-self.gust) + math.sqrt(DT) * 0.05 * self.rng.normal(size=3)
-        height, gap = max(-self.position[2], 0.0), max(WALL_AT_M - self.position[0], 0.0)
+        height = max(-self.position[2], 0.0)
+        gap = max(WALL_AT_M - self.position[0], 0.0)
         lift = (1.0 + self.plant.thrust_slope * (self.thrust / HOVER - 1.0)) * (
             1.0 + GROUND_SHARE * math.exp(-height / GROUND_M)
         )
@@ -208,11 +218,16 @@ def fly(plant: Plant, seed: int) -> Flown:
     """One approach."""
     vehicle = replace(load_vehicle(QUAD), rangefinders=())
     config = PipelineConfig(vehicle=vehicle, model=empty_model(vehicle), offsets=False)
-    state, craft = initial_state(config), Craft(plant, seed)
+    state = initial_state(config)
+    craft = Craft(plant, seed)
     # Thrust over weight is proportional here: spin-min 0 and no expo say so to the thrust map.
     for name, value in (("GUID_OPTIONS", 8.0), ("MOT_SPIN_MIN", 0.0), ("MOT_THST_EXPO", 0.0)):
         state, _ = step(state, Parameter(0.0, 1, 1, name, value), config)
-    errors, tilts, engaged, decision, last = [], [], [], None, None
+    errors = []
+    tilts = []
+    engaged = []
+    decision = None
+    last = None
     softened = 0
     end_s = START_S + PATH[-1][0]
     for k in range(round(end_s / DT)):
@@ -242,7 +257,8 @@ def fly(plant: Plant, seed: int) -> Flown:
     assert last is not None
     assert last.tuned is not None
     if t < end_s - 1.0:
-        errors, engaged = [np.full(3, np.nan)], [False]
+        errors = [np.full(3, np.nan)]
+        engaged = [False]
     e = 1e3 * np.array(errors)
     level = np.hypot(e[:, 0], e[:, 1])
     return Flown(

@@ -45,10 +45,14 @@ from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.common.progress import Bars
 
-ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 31, 82
-FILLERS, FILLER_HZ = (29, 30, 36, 105), 230.0
+ATTITUDE_QUATERNION = 31
+SET_ATTITUDE_TARGET = 82
+FILLERS = (29, 30, 36, 105)
+FILLER_HZ = 230.0
 """SCALED_PRESSURE, ATTITUDE, SERVO_OUTPUT_RAW, HIGHRES_IMU: nobody here needs so many, they fill the link."""
-SAMPLE_S, WINDOW_S, ASK_S = 10.0, 60.0, 20.0
+SAMPLE_S = 10.0
+WINDOW_S = 60.0
+ASK_S = 20.0
 STILL_S = 12.0
 """From the start until the vehicle has taken off and the flight program flies."""
 _BUFFER = 1 << 20
@@ -123,7 +127,8 @@ class Between:
     """The wire: everything passes through, and is looked at."""
 
     def __init__(self, front: socket.socket, to_companion: tuple[str, int]) -> None:
-        self.front, self.back = front, socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.front = front
+        self.back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         for sock in (self.front, self.back):
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
             sock.setblocking(False)
@@ -161,7 +166,9 @@ class Between:
             self.back.sendto(data, self._companion)
 
     def _up(self, data: bytes) -> None:
-        now, frame, self._answers = time.monotonic(), cut(data, 0), True
+        now = time.monotonic()
+        frame = cut(data, 0)
+        self._answers = True
         if frame.id == SET_ATTITUDE_TARGET:
             at = self._waiting.pop(struct.unpack_from("<I", frame.payload.ljust(4, b"\0"))[0], None)
             if at is not None:
@@ -194,7 +201,9 @@ class Between:
 
 def watch(between: Between, pid: int, port: int, seconds: float) -> Soak:
     """Stand between the two for so long; Ctrl-C ends it early."""
-    soak, bars, start = Soak(), Bars(), time.monotonic()
+    soak = Soak()
+    bars = Bars()
+    start = time.monotonic()
     sampled = ended = 0.0
     with contextlib.suppress(KeyboardInterrupt, FileNotFoundError):
         while (now := time.monotonic() - start) < seconds:
@@ -212,15 +221,18 @@ def watch(between: Between, pid: int, port: int, seconds: float) -> Soak:
                 if now > WINDOW_S + STILL_S:  # the first one holds the take-off
                     soak.windows.append(window)
     bars.close()
-    soak.seconds, soak.passed_on = time.monotonic() - start, between.passed_on
+    soak.seconds = time.monotonic() - start
+    soak.passed_on = between.passed_on
     return soak
 
 
 def fly(seconds: float, px4: bool, folder: Path, records: Path) -> tuple[Soak, dict[str, object]]:
     """Both processes, and what was seen; the flight program's own report beside it."""
-    port, report = free_port(), folder / "report.json"
+    port = free_port()
+    report = folder / "report.json"
     command = flight_command(port, "--quiet", "--json", str(report), "--record", str(records))
-    vehicle, front_port = default_vehicle(), free_port()
+    vehicle = default_vehicle()
+    front_port = free_port()
     flight = simulated(vehicle, build("corner", vehicle), 0, px4=px4)
     pilot = Px4Pilot if px4 else ScriptedPilot
     with launch(flight, pilot, port=front_port), socket.socket(type=socket.SOCK_DGRAM) as front:
@@ -260,7 +272,8 @@ def as_text(soak: Soak, own: dict[str, object]) -> str:
     """For a person."""
     messages = own["messages"]
     assert isinstance(messages, dict)
-    first, last = soak.rss[0][1], soak.rss[-1][1]
+    first = soak.rss[0][1]
+    last = soak.rss[-1][1]
     p50s, p99s = (
         [w.p50_ms for w in soak.answered_windows],
         [w.p99_ms for w in soak.answered_windows],

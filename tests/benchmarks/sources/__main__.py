@@ -59,7 +59,8 @@ def main() -> int:
         origin = tomllib.loads(Path(a.name).read_text(encoding="utf-8")).get("origin", {})
         if "logs" not in origin:
             p.error(f"{a.name}: no [origin.logs]; its logs are made by a module of sources/")
-        logs, vehicles = copied(origin, a.clone), origin["vehicle"]
+        logs = copied(origin, a.clone)
+        vehicles = origin["vehicle"]
     else:
         p.error(f"{a.name}: neither a table nor one of {', '.join(CONVERTERS)}")
     a.out.mkdir(parents=True, exist_ok=True)

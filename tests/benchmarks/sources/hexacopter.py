@@ -26,10 +26,12 @@ from sources.vehicle_file import fans, throttle, vehicle
 
 COMMIT = "f4f34bfd4c05d0562bd546b0839622d5d2470183"
 FLIGHTS = "sde4mbrlExamples/rotor_uav/hexa_ahg/my_data/trajs.pkl"
-STEP_S, AVERAGE = 0.0105, 40
+STEP_S = 0.0105
+AVERAGE = 40
 INERTIA = (0.008, 0.008, 0.011)
 """The authors' prior (prior_hexa.yaml), with the mass."""
-ARM_M, RADIUS_M = 0.275, 0.127
+ARM_M = 0.275
+RADIUS_M = 0.127
 """Guesses: a frame of 550 mm with propellers of ten inches."""
 MAX_THRUST_N = 11.3
 """As the three flights need it together; over them thrust goes with the command to the power of 0.95: linear."""

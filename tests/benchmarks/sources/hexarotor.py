@@ -27,9 +27,12 @@ from sources.vehicle_file import fans, throttle, vehicle
 
 COMMIT = "d6fa484897dfc0b99e9436db3c2a509faeb10897"
 # RunMeFirst.m
-MASS_KG, INERTIA = 12.0, (0.643, 0.682, 0.832)
-ARM_M, RADIUS_M = 0.6, 0.2286
-FULL_RAD_S, TURNING_RAD_S = 700.0, 200.0
+MASS_KG = 12.0
+INERTIA = (0.643, 0.682, 0.832)
+ARM_M = 0.6
+RADIUS_M = 0.2286
+FULL_RAD_S = 700.0
+TURNING_RAD_S = 200.0
 SPEEDS = "u1 u2 u3 u4 u5 u6"
 
 
@@ -62,7 +65,8 @@ def motion_of(rows: Rows, degrees: bool) -> Motion:
     time = columns(flown, "t")
     velocity = columns(flown, "u v w")
     attitude = Rotation.from_euler("ZYX", columns(flown, "psi theta phi"), degrees=degrees)
-    rates, place = columns(flown, "p q r"), columns(flown, "x y z")
+    rates = columns(flown, "p q r")
+    place = columns(flown, "x y z")
     return Motion(
         time_s=time,
         position=-place if degrees else place,

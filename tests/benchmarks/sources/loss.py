@@ -33,8 +33,12 @@ PARTS_S = {
 """From and to, on the autopilot's clock: after take-off, before the landing."""
 RATE_HZ = 20.0
 # 2_tutorial/examples/lossfactor.ipynb
-MASS_KG, INERTIA, ARM_M = 1.4, (0.0211, 0.0219, 0.0366), 0.225
-THRUST_PER_SPEED2, SPEED_PER_THROTTLE, SPEED_AT_ZERO = 1.105e-5, 1148.0, -141.4
+MASS_KG = 1.4
+INERTIA = (0.0211, 0.0219, 0.0366)
+ARM_M = 0.225
+THRUST_PER_SPEED2 = 1.105e-5
+SPEED_PER_THROTTLE = 1148.0
+SPEED_AT_ZERO = -141.4
 FULL_N = THRUST_PER_SPEED2 * (SPEED_PER_THROTTLE + SPEED_AT_ZERO) ** 2
 STILL_US = 1000.0 - 1000.0 * SPEED_AT_ZERO / SPEED_PER_THROTTLE
 """The authors' curve: thrust goes with the square of a speed that is linear in the throttle."""

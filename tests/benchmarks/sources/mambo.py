@@ -26,12 +26,18 @@ from sources.vehicle_file import fans, throttle, vehicle
 COMMIT = "fb94ca0012a7e0171ee8f0cd78d8b466bc613cc5"
 PATH = "Simulink models/asbQuadcopterRealFlight (version {})/RSdata.mat"
 VERSIONS = (1, 2, 3, 4)
-CLEAR_M, EVERY = 0.3, 2
+CLEAR_M = 0.3
+EVERY = 2
 FULL_COMMAND = 500.0
 # tasks/vehicleVars.m: mass before the correction; thrust is linear in the command.
-MASS_KG, INERTIA = 0.063, (5.82857e-5, 7.16914e-5, 1.0e-4)
-ARM_M, HEIGHT_M, RADIUS_M = 0.0624 * 0.5**0.5, -0.015876, 0.033
-CT, COMMAND_TO_SPEED2, DENSITY = 0.0107, 13840.8, 1.225
+MASS_KG = 0.063
+INERTIA = (5.82857e-5, 7.16914e-5, 1.0e-4)
+ARM_M = 0.0624 * 0.5**0.5
+HEIGHT_M = -0.015876
+RADIUS_M = 0.033
+CT = 0.0107
+COMMAND_TO_SPEED2 = 13840.8
+DENSITY = 1.225
 MAX_THRUST_N = CT * DENSITY * np.pi * RADIUS_M**4 * COMMAND_TO_SPEED2 * FULL_COMMAND
 PLACES = (
     (1, -1, "cw"),

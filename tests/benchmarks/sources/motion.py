@@ -15,7 +15,8 @@ from models.common.frames import GRAVITY
 
 Array = NDArray[np.float64]
 Message = mav.MAVLink_message
-BOOT_S, WALL_S = 10.0, 1.72e9
+BOOT_S = 10.0
+WALL_S = 1.72e9
 """Boot clock and (nominal) wall clock at the start of a flight [s]."""
 FLIP = np.array([1.0, -1.0, -1.0])
 """From left and up to right and down."""

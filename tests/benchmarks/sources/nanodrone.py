@@ -34,9 +34,13 @@ Messages = Callable[[int, int, int], Iterator[Message]]
 """Of sample i, at a time since boot in ms and in us."""
 POLE_PAIRS = 6
 # The authors' numbers: models/models.py and train/thurst_drag_coeff_identification.ipynb of their repository.
-MASS_KG, ARM_M, INERTIA = 0.045, 0.0353, (2.3951e-5, 2.3951e-5, 3.2347e-5)
-THRUST_NS2, TORQUE_NMS2 = 3.7177625e-8, 7.728e-11
-RADIUS_M, DENSITY = 0.0275, 1.225
+MASS_KG = 0.045
+ARM_M = 0.0353
+INERTIA = (2.3951e-5, 2.3951e-5, 3.2347e-5)
+THRUST_NS2 = 3.7177625e-8
+TORQUE_NMS2 = 7.728e-11
+RADIUS_M = 0.0275
+DENSITY = 1.225
 COEFFICIENTS = {
     "ct": round(THRUST_NS2 / (DENSITY * math.pi * RADIUS_M**4), 6),
     "cq": round(TORQUE_NMS2 / (DENSITY * math.pi * RADIUS_M**5), 6),
@@ -63,7 +67,10 @@ CLOCKS = {
     "force": "ros_timestamp",
 }
 """When a state, a motor sample, an acceleration came."""
-QUATERNION, POSITION, VELOCITY, RATES = "qx qy qz qw", "x y z", "vx vy vz", "wx wy wz"
+QUATERNION = "qx qy qz qw"
+POSITION = "x y z"
+VELOCITY = "vx vy vz"
+RATES = "wx wy wz"
 SPEEDS = "m1_erpm m2_erpm m3_erpm m4_erpm"
 THRUSTS = "m1_thrust m2_thrust m3_thrust m4_thrust"
 ACCELERATION = "ax ay az"
@@ -164,7 +171,8 @@ class Recording:
         rpm = np.clip(self.at(SPEEDS) / POLE_PAIRS, 0.0, 65535.0).round().astype(int)
         outputs = (1000.0 + 1000.0 * self.at(THRUSTS)).astype(int)
         volts = self.columns["Vbat"]
-        none, one = [0] * 4, [1] * 4
+        none = [0] * 4
+        one = [1] * 4
 
         def said(i: int, ms: int, us: int) -> Iterator[Message]:
             centivolts = [int(volts[i] * 100)] * 4

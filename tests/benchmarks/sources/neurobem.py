@@ -31,17 +31,24 @@ FLIGHTS = (
     "20210223114138seg3",
     "20210223172724seg2",
 )
-TIME, RATES, QUATERNION = 0, slice(4, 7), slice(7, 11)
-FORCE, VELOCITY, POSITION = slice(11, 14), slice(14, 17), slice(17, 20)
+TIME = 0
+RATES = slice(4, 7)
+QUATERNION = slice(7, 11)
+FORCE = slice(11, 14)
+VELOCITY = slice(14, 17)
+POSITION = slice(17, 20)
 SPEEDS = slice(20, 24)
 """Columns: body forward-left-up, velocity in the body, quaternion x first, rotor speeds in rad/s."""
 EVERY = 4
-MASS_KG, INERTIA = 0.772, (0.0025, 0.0021, 0.0043)
+MASS_KG = 0.772
+INERTIA = (0.0025, 0.0021, 0.0043)
 """The authors' later mass; 0.752 kg in the paper."""
 THRUST_PER_SPEED2 = 1.504e-6
 """In N s2, as the first flight's hover needs it."""
 FULL_RAD_S = 2500.0
-FORWARD_M, RIGHT_M, RADIUS_M = 0.075, 0.1, 0.0648
+FORWARD_M = 0.075
+RIGHT_M = 0.1
+RADIUS_M = 0.0648
 """Guesses of the arms; the radius is that of 5.1 inches."""
 PLACES = (
     (-1, 1, "cw"),

@@ -28,10 +28,14 @@ COMMIT = "847605ab2d2d7ed5040ab0c7d2c7116c047b4de5"
 LOADED = (182, 183, 184, 201, 202, 203, 204, 205, 206)
 PROPELLERS = ("08", 12, 16, 20, 24, 28, 32, 36, 40, 44, 48)
 """Every fourth of the flights with larger motors and propellers that are long enough to be judged."""
-EVERY, SMOOTHED = 2, 9
-MASS_KG, INERTIA = 0.032, (16.6e-6, 16.6e-6, 29.3e-6)
+EVERY = 2
+SMOOTHED = 9
+MASS_KG = 0.032
+INERTIA = (16.6e-6, 16.6e-6, 29.3e-6)
 """Mass of the vehicle alone by the authors' model_payload.py; inertia of the firmware."""
-ARM_M, RADIUS_M, TORQUE_M = 0.046 * 0.5**0.5, 0.0225, 0.005964552
+ARM_M = 0.046 * 0.5**0.5
+RADIUS_M = 0.0225
+TORQUE_M = 0.005964552
 """By the firmware: arm along an axis, and torque over thrust."""
 FULL_N = 0.25
 """Force of one motor that is written as full output; no command reaches it."""
@@ -85,7 +89,8 @@ def columns_of(data: bytes) -> dict[str, Array]:
     """Columns of the one kind of record in a log: names with types, then rows of an id, a time and values."""
     end = data.index(b"\0", 7)
     (count,) = struct.unpack_from("<H", data, end + 1)
-    place, kinds = end + 3, []
+    place = end + 3
+    kinds = []
     for _ in range(count):
         stop = data.index(b"\0", place)
         name, kind = data[place:stop].decode()[:-1].split("(")

@@ -28,13 +28,17 @@ LOGS = (
     "unconstrained/data_20250421_211431",
     "constrained/data_20250422_143652",
 )
-RATE_HZ, SMOOTHED = 50.0, 5
+RATE_HZ = 50.0
+SMOOTHED = 5
 CLEAR_M = 0.4
 MASS_KG = 0.033
 """Of gpmpc_acados_TP_quadrotor_2D_attitude_tracking.yaml."""
-FULL_N, LEVEL = 0.16, 0.957
+FULL_N = 0.16
+LEVEL = 0.957
 """Force of a quarter of the command that is written as full output, and thrust over command in the first three."""
-INERTIA, ARM_M, RADIUS_M = (16.6e-6, 16.6e-6, 29.3e-6), 0.046 * 0.5**0.5, 0.0225
+INERTIA = (16.6e-6, 16.6e-6, 29.3e-6)
+ARM_M = 0.046 * 0.5**0.5
+RADIUS_M = 0.0225
 """Of the standard vehicle, by its firmware."""
 PLACES = (
     (1, 1, "ccw"),
@@ -71,7 +75,8 @@ def motion_of(rows: Rows) -> Motion:
         return FLIP * at(time, clock, columns(rows, names))
 
     attitude = Rotation.from_euler("ZYX", three("ROLL PITCH YAW")[:, ::-1])
-    position, velocity = three("POS_X POS_Y POS_Z"), three("VEL_X VEL_Y VEL_Z")
+    position = three("POS_X POS_Y POS_Z")
+    velocity = three("VEL_X VEL_Y VEL_Z")
     acceleration = np.gradient(smoothed(velocity, SMOOTHED), 1.0 / RATE_HZ, axis=0)
     command = np.interp(time, clock, columns(rows, "CMD_FORCE")) / 4.0 / FULL_N
     outputs = 1000.0 + 1000.0 * command.clip(0.0, 1.0)

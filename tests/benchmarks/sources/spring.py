@@ -42,21 +42,31 @@ LOGS = {
     "updown_13g": "UpDown/13g/13g_T2_updown.bag",
     "updown_17g": "UpDown/17g/17g_T2_updown.bag",
 }
-WORLD, SENT, LOG = "/natnet_ros/cf4/pose", "/cf4/pose", "/cf4/log1"
+WORLD = "/natnet_ros/cf4/pose"
+SENT = "/cf4/pose"
+LOG = "/cf4/log1"
 """Topics: pose by motion capture, pose by the vehicle, and its mean command with its specific force."""
 MORE_HEADER = {LOG: 4}
 """Bytes between a message's header and its numbers."""
-CHUNK, MESSAGE, CONNECTION = b"\x05", b"\x02", b"\x07"
+CHUNK = b"\x05"
+MESSAGE = b"\x02"
+CONNECTION = b"\x07"
 """Kinds of records of a rosbag."""
 LATE = 50
 """Samples before and after one over which the delay of its arrival is averaged."""
-STEP_S, SMOOTHED, CLEAR_M = 0.01, 9, 0.15
+STEP_S = 0.01
+SMOOTHED = 9
+CLEAR_M = 0.15
 """A flight counts from this height above the stand that it starts from."""
 DELAYS_S = np.arange(0.0, 4.0, 0.05)
-MASS_KG, FULL_PWM, HOVER_PWM = 0.040, 65535.0, 28760.0
+MASS_KG = 0.040
+FULL_PWM = 65535.0
+HOVER_PWM = 28760.0
 """Mass and mean command without a load, by the authors' 1Crazyflie_Hover(Spring).csv and result.py."""
 MAX_THRUST_N = MASS_KG * GRAVITY / 4.0 * FULL_PWM / HOVER_PWM
-INERTIA, ARM_M, RADIUS_M = (16.6e-6, 16.6e-6, 29.3e-6), 0.0325, 0.0255
+INERTIA = (16.6e-6, 16.6e-6, 29.3e-6)
+ARM_M = 0.0325
+RADIUS_M = 0.0255
 """Of the vehicle without the larger motors; a propeller of 51 mm comes with them."""
 PLACES = (
     (1, 1, "ccw"),
@@ -129,8 +139,11 @@ def bag(data: bytes) -> dict[str, Array]:
 
 def motion_of(topics: dict[str, Array]) -> Motion:
     """The world is north-west-up, the body forward-left-up."""
-    world, sent, log = topics[WORLD], topics[SENT], topics[LOG]
-    time, place = even(world[:, 0]), world[:, 1:4]
+    world = topics[WORLD]
+    sent = topics[SENT]
+    log = topics[LOG]
+    time = even(world[:, 0])
+    place = world[:, 1:4]
     delay = delay_of(sent, time, place)
     attitude = Rotation.from_quat(world[:, 4:8])
     moment = np.clip(sent[:, 0] - delay, time[0], time[-1])

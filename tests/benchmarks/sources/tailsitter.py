@@ -33,7 +33,9 @@ SETUPS = (
 REPEAT = 3
 """Of the three repeats of each setup."""
 RATE_HZ = 100.0
-ARM_M, RADIUS_M, INERTIA = 0.16, 0.0635, (0.012, 0.006, 0.016)
+ARM_M = 0.16
+RADIUS_M = 0.0635
+INERTIA = (0.012, 0.006, 0.016)
 """Guesses, from the picture and the motors; no moment is judged."""
 MAX_THRUST_N = 7.44
 """What the six flights need together where thrust is in proportion to the pulse."""

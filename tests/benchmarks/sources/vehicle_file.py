@@ -67,7 +67,9 @@ def throttle(max_thrust_n: float, expo: float, voltage_v: float) -> dict[str, fl
 
 def vehicle_toml(keys: Mapping[str, Any]) -> str:
     """A vehicle file of ``keys``: numbers, texts and lists first, then lists of tables, then tables."""
-    plain, lists, tables = "", "", ""
+    plain = ""
+    lists = ""
+    tables = ""
     for key, value in keys.items():
         if isinstance(value, Mapping):
             tables += f"\n[{key}]\n{vehicle_toml(value)}"

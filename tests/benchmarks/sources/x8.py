@@ -31,12 +31,16 @@ TIME = 1
 STATE = slice(15, 28)
 OUTPUTS = slice(67, 75)
 """Columns: north-east-down, forward-right-down, quaternion w first; normalised thrust of the eight motors."""
-RATE_HZ, SMOOTHED = 100.0, 5
+RATE_HZ = 100.0
+SMOOTHED = 5
 """States come up to a sample too early or too late."""
 # include/flightstack/control/vehicle_info.hpp of github.com/andrealaffly/ACSL-flightstack.
-MASS_KG, INERTIA = 1.920, (2.271990e-2, 2.202047e-2, 1.614693e-2)
-FORWARD_M, RIGHT_M = 0.0881269, 0.1083450
-MAX_THRUST_N, EXPO = 12.05, 0.667
+MASS_KG = 1.920
+INERTIA = (2.271990e-2, 2.202047e-2, 1.614693e-2)
+FORWARD_M = 0.0881269
+RIGHT_M = 0.1083450
+MAX_THRUST_N = 12.05
+EXPO = 0.667
 """Of the authors' polynomial from thrust to command (a thrust stand's), within 0.05 N from 1.5 to 5 N a motor."""
 RADIUS_M = 0.0635
 """Guess: five inches, which the motors (2550 rpm/V) and the arms allow."""
@@ -88,7 +92,8 @@ def rows_of(text: str) -> Array:
 
 
 def motion_of(rows: Array) -> Motion:
-    clock, states = rows[:, TIME], rows[:, STATE]
+    clock = rows[:, TIME]
+    states = rows[:, STATE]
     # The log repeats a state until the next one comes.
     new = np.append(True, np.diff(states[:, :3], axis=0).any(axis=1))
     time = np.arange(clock[new][0], clock[new][-1], 1.0 / RATE_HZ)

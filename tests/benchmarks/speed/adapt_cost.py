@@ -46,7 +46,8 @@ ADOPTED = (
 
 def samples_of(log: Path) -> list[Sample]:
     """Everything that the pipeline hears."""
-    intake, out = Intake(None), []
+    intake = Intake(None)
+    out = []
     for arrival_us, raw in read_tlog(log).frames():
         frame = cut(raw, 0)
         sample = intake.sample(frame, arrival_us) if frame.id in LAYOUTS else None
@@ -57,7 +58,9 @@ def samples_of(log: Path) -> list[Sample]:
 
 def timed(samples: list[Sample], config: PipelineConfig) -> tuple[Array, int]:
     """Seconds of every ``CHUNK`` samples, and decisions."""
-    state, decisions, spent = initial_state(config), 0, []
+    state = initial_state(config)
+    decisions = 0
+    spent = []
     gc.collect()
     gc.disable()
     for first in range(0, len(samples), CHUNK):
@@ -73,7 +76,8 @@ def timed(samples: list[Sample], config: PipelineConfig) -> tuple[Array, int]:
 def grown_bytes(samples: list[Sample], config: PipelineConfig) -> int:
     """What memory the second half of the last minute keeps beyond the first."""
     samples = samples[-8000:]
-    half, state = len(samples) // 2, initial_state(config)
+    half = len(samples) // 2
+    state = initial_state(config)
     tracemalloc.start()
     for sample in samples[:half]:
         state, _ = step(state, sample, config)

@@ -85,11 +85,13 @@ def main() -> None:
             for _ in range(6)
         ][1:]
     median = lambda values: sorted(values)[len(values) // 2]  # noqa: E731
-    ready, bare_ready = median([o[0] for o, _ in rows]), median([b[0] for _, b in rows])
+    ready = median([o[0] for o, _ in rows])
+    bare_ready = median([b[0] for _, b in rows])
     print(
         f"ready after {ready:.2f} s, bare numpy + mavutil {bare_ready:.2f} s, ratio {ready / bare_ready:.2f}"
     )
-    ours_mib, bare_mib = median([o[1] for o, _ in rows]), median([b[1] for _, b in rows])
+    ours_mib = median([o[1] for o, _ in rows])
+    bare_mib = median([b[1] for _, b in rows])
     print(f"resident {ours_mib:.0f} MiB, bare {bare_mib:.0f} MiB")
     figures = [
         figure("memory at the start [MiB]", f"{ours_mib:.0f}", goal="45", met=ours_mib <= 45.0),

@@ -53,9 +53,11 @@ class Stamp:
 
 def stamps(block: bytes) -> list[Stamp]:
     """Of every frame of a .tlog: its boot stamp, if it has one. Only version 2 frames that are not signed."""
-    out, i = [], 0
+    out = []
+    i = 0
     while i < len(block):
-        magic, length = block[i + 8], block[i + 9]
+        magic = block[i + 8]
+        length = block[i + 9]
         header = 10 if magic == V2 else 6
         number = int.from_bytes(block[i + 15 : i + 18], "little") if magic == V2 else block[i + 13]
         end = i + 8 + header + length
@@ -74,7 +76,8 @@ def write_log(path: Path, size: int) -> float:
     rounds = max(size // len(block), 1)
     if path.exists() and path.stat().st_size == rounds * len(block):
         return rounds * SECONDS
-    starts, i = [], 0
+    starts = []
+    i = 0
     while i < len(block):
         starts.append(i)
         i += 8 + (12 if block[i + 8] == V2 else 8) + block[i + 9]

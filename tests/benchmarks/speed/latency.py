@@ -431,7 +431,8 @@ def stream(port: int, seconds: float, rate: float, pid: int) -> Streamed:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", 0))
     sock.connect(("127.0.0.1", port))
-    mav, parser = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), mavlink.MAVLink(None)
+    mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     sent_at: dict[int, float] = {}
     latencies: list[float] = []

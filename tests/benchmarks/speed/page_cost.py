@@ -99,7 +99,9 @@ def main() -> int:
     p.add_argument("--rate", type=float, default=400.0)
     p.add_argument("--json", type=Path)
     a = p.parse_args()
-    page, over, seen = free_port(socket.SOCK_STREAM), threading.Event(), {}
+    page = free_port(socket.SOCK_STREAM)
+    over = threading.Event()
+    seen = {}
     rows: dict[str, dict[str, float]] = {}
     running = {}
     for name, extra in (("without", []), ("with page", ["--page", f"127.0.0.1:{page}"])):

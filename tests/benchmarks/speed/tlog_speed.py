@@ -21,7 +21,8 @@ import command_line
 from log_writers import flight, write_tlog
 from result_file import add_option, figure, write_result
 
-GOAL_RATIO, GOAL_MEMORY = 40.0, 8.0
+GOAL_RATIO = 40.0
+GOAL_MEMORY = 8.0
 FRAMES = 200_000
 
 

@@ -26,7 +26,9 @@ from models.common.frames import AXES, Array
 
 def summary(c: Checked, rows: Sequence[Row], setup: Setup) -> dict[str, Any]:
     """The figures a program reads."""
-    air, radius, law = setup.air.density_kg_m3, setup.fan.radius_m, c.made.law
+    air = setup.air.density_kg_m3
+    radius = setup.fan.radius_m
+    law = c.made.law
     tip_speed = setup.campaign.rpm * 2 * math.pi / 60 * radius
     return {
         "cases": len(rows),
@@ -100,7 +102,8 @@ def main() -> int:
     p.add_argument("--fan", type=Path, help="fan file (default: the built-in fan)")
     p.add_argument("--json", type=Path, help="write the figures here")
     a = p.parse_args()
-    setup, rows = load(a.fan), read(a.cases)
+    setup = load(a.fan)
+    rows = read(a.cases)
     found = summary(check(rows, setup), rows, setup)
     if a.json is not None:
         a.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")

@@ -66,7 +66,8 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
     # A length at its bound says that a coordinate does not matter.
     warnings.simplefilter("ignore", ConvergenceWarning)
     held_out = dataset.held_out(data, np.random.default_rng(seed))
-    learnt, test = data.take(~held_out), data.take(held_out)
+    learnt = data.take(~held_out)
+    test = data.take(held_out)
     problem = train.frame(learnt)
     noise = scatter[~held_out] / problem.free_air.lift(learnt.rpm)[:, None]
     middle = learnt.rpm == np.sort(np.unique(learnt.rpm))[len(np.unique(learnt.rpm)) // 2]
@@ -75,7 +76,8 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
     answer = np.zeros_like(truth)
     for c in np.flatnonzero(problem.live):
         rows = middle & (problem.gate[:, c] > LEAST_GATE)
-        opening, size = problem.gate[rows, c], problem.scale[c]
+        opening = problem.gate[rows, c]
+        size = problem.scale[c]
         kernel = ConstantKernel(1.0, (1e-3, 1e3)) * RBF([0.5, 0.5], (0.05, 20.0)) + WhiteKernel(
             1e-3, (1e-7, 1.0)
         )
@@ -91,7 +93,8 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
 def ceiling(data: DataSet, error: Array, rows: Array) -> Array:
     """R2 (6,) of a perfect surrogate on ``rows``; nan where the component does not vary."""
     law = free_air.fit(data)
-    truth, lift = train.increments(data.wrench, data.rpm, law)[rows], law.lift(data.rpm)[rows, None]
+    truth = train.increments(data.wrench, data.rpm, law)[rows]
+    lift = law.lift(data.rpm)[rows, None]
     variance = truth.var(axis=0)
     known = variance > 1e-12
     return np.where(

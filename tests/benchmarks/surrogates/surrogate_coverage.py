@@ -72,7 +72,8 @@ def main() -> None:
         print(f"{k + 1} blocks", file=sys.stderr, flush=True)
     result = {}
     for name in inside:
-        covered, sigma = np.concatenate(inside[name]), np.concatenate(ratio[name])
+        covered = np.concatenate(inside[name])
+        sigma = np.concatenate(ratio[name])
         result[name] = {
             axis: {
                 "covered": float(covered[:, c].mean()),

@@ -27,7 +27,8 @@ from models.dataset import DataSet
 from models.training import genetic, train
 
 Array = NDArray[np.float64]
-HIDDEN, RESTARTS = 9, 5
+HIDDEN = 9
+RESTARTS = 5
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -76,9 +77,12 @@ def looped(problem: train.Problem, settings: genetic.Settings, epochs: int) -> A
     rng = np.random.default_rng(0)
     out = []
     for c in [*range(6)] * RESTARTS:
-        x, gate, y = problem.x, problem.gate[:, c], problem.y[:, c] / problem.scale[c]
+        x = problem.x
+        gate = problem.gate[:, c]
+        y = problem.y[:, c] / problem.scale[c]
         best = _evolve_plainly(x, gate, y, settings, rng)
-        mean, square = np.zeros_like(best), np.zeros_like(best)
+        mean = np.zeros_like(best)
+        square = np.zeros_like(best)
         for t in range(1, epochs + 1):
             g = _gradient(best, x, gate, y)
             mean, square = 0.9 * mean + 0.1 * g, 0.999 * square + 0.001 * g * g
@@ -104,7 +108,8 @@ def _evolve_plainly(
 ) -> Array:
     population = [rng.uniform(-1, 1, 46) for _ in range(s.population)]
     errors = [_error(t, x, gate, y) for t in population]
-    best, best_error = population[int(np.argmin(errors))], min(errors)
+    best = population[int(np.argmin(errors))]
+    best_error = min(errors)
     for generation in range(s.generations):
         f = 1.0 / (np.array(errors) + 1e-12)
         children = [
@@ -112,8 +117,11 @@ def _evolve_plainly(
         ]
         for k in range(0, s.population - 1, 2):
             if rng.random() < s.crossover_share:
-                a, one, two = rng.random(46), children[k], children[k + 1]
-                children[k], children[k + 1] = one * (1 - a) + two * a, two * (1 - a) + one * a
+                a = rng.random(46)
+                one = children[k]
+                two = children[k + 1]
+                children[k] = one * (1 - a) + two * a
+                children[k + 1] = two * (1 - a) + one * a
         f = 1.0 / (np.array([_error(t, x, gate, y) for t in children]) + 1e-12)
         for k, child in enumerate(children):
             spread = f.max() - f.mean()
@@ -122,9 +130,11 @@ def _evolve_plainly(
             step = s.step * (1 - generation / s.generations) ** 2 * rng.normal(size=46)
             children[k] = np.where(hit, np.clip(child + step, -s.bound, s.bound), child)
         children[0] = best
-        population, errors = children, [_error(t, x, gate, y) for t in children]
+        population = children
+        errors = [_error(t, x, gate, y) for t in children]
         if min(errors) < best_error:
-            best, best_error = population[int(np.argmin(errors))].copy(), min(errors)
+            best = population[int(np.argmin(errors))].copy()
+            best_error = min(errors)
     return best.copy()
 
 
@@ -134,7 +144,8 @@ def one_point(repeats: int) -> dict[str, float]:
 
     torch.set_num_threads(1)
     model = models.load()
-    nets, one = model.regressor, np.array([[0.1, 0.2, 0.3]])
+    nets = model.regressor
+    one = np.array([[0.1, 0.2, 0.3]])
     w1, b1, w2, b2 = (
         torch.as_tensor(a.reshape(-1, *a.shape[2:])) for a in (nets.w1, nets.b1, nets.w2, nets.b2)
     )
@@ -181,7 +192,8 @@ def main() -> None:
     parser.add_argument("--json")
     args = parser.parse_args()
     share = 10 if args.quick else 1
-    settings, epochs = genetic.Settings(generations=100 // share), 1000 // share
+    settings = genetic.Settings(generations=100 // share)
+    epochs = 1000 // share
     memory = {"start_mib": _peak_mib()}
     model = models.load()
     h, d = np.meshgrid(np.linspace(0.05, 0.8, 1000), np.linspace(0.02, 0.7, 1000))

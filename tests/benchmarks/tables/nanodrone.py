@@ -250,8 +250,10 @@ def fitted(runs: Sequence[Run]) -> Fitted:
 
 def _turned(a: Array, b: Array) -> Array:
     """Rotation vectors (..., 3) from quaternions b to a, for angles well below a half turn."""
-    w, v = b[..., :1], b[..., 1:]
-    x, u = a[..., :1], a[..., 1:]
+    w = b[..., :1]
+    v = b[..., 1:]
+    x = a[..., :1]
+    u = a[..., 1:]
     scalar = w * x + (v * u).sum(axis=-1, keepdims=True)
     return np.asarray(2.0 * np.sign(scalar) * (w * u - x * v - np.cross(v, u)))
 

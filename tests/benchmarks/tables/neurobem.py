@@ -46,9 +46,11 @@ from models.vehicle.vehicle import Fan, Rotor
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 ANGULAR = slice(1, 4)
-THEIR_FORCE, THEIR_MOMENT = slice(29, 32), slice(32, 35)
+THEIR_FORCE = slice(29, 32)
+THEIR_MOMENT = slice(32, 35)
 """Columns: angular acceleration, and what NeuroBEM predicts; body forward-left-up."""
-FORCE_AXES, MOMENT_AXES = slice(0, 3), slice(3, 6)
+FORCE_AXES = slice(0, 3)
+MOMENT_AXES = slice(3, 6)
 KNOWN = {"force": 0.606, "moment": 0.0147}
 """Pooled RMS [N, N m] of NeuroBEM on these six flights."""
 ALLOWED = 0.02
