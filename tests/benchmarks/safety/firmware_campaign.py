@@ -1,6 +1,6 @@
 """Many flights on a real ArduCopter at a time: what offsets remove, and one wrong sensor at a wall.
 
-``ARDUCOPTER_BIN=… python tests/benchmarks/firmware_campaign.py {air,wrong} [--first 1] [--seeds 2]
+``ARDUCOPTER_BIN=… python tests/benchmarks safety.firmware_campaign {air,wrong} [--first 1] [--seeds 2]
 [--jobs 1] [--only TEXT] [--json FILE] [--record DIR] [--result FILE]``. Real firmware,
 simulated air (tests/firmware/rough_air.py), each flight in a network of its own. A flight takes two
 to four minutes and keeps two cores busy: no more ``--jobs`` than half the cores. With ``--json``
@@ -31,7 +31,10 @@ from typing import Any
 
 import numpy as np
 from adaptation.adapt_recordings import decisions
-from firmware_flights import (
+from result_file import add_option, figure, write_result
+from tqdm import tqdm
+
+from safety.firmware_flights import (
     FREE_NORTH_M,
     HEIGHT_M,
     SLOW_LOOP,
@@ -39,10 +42,8 @@ from firmware_flights import (
     WALL_NORTH_M,
     Pilot,
 )
-from result_file import add_option, figure, write_result
-from tqdm import tqdm
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "firmware"))
 from own_network import in_own_network, raise_loopback
 from rig import ARDUCOPTER, Rig
 from wrong_sensors import NOTHING_WRONG, Range, Wrong
@@ -54,6 +55,7 @@ from models.choice import NONE, choose
 from models.common.frames import GRAVITY, Array
 from models.vehicle import load_vehicle
 
+BENCHMARKS = Path(__file__).resolve().parents[1]
 LOW_M = 0.2
 """Height of the autopilot: its feet are 0.2 m above the ground."""
 APPROACHES = 2
@@ -299,7 +301,8 @@ def fly_apart(records: Path, kind: str, name: str, seed: int) -> dict[str, Any]:
     flight = {"kind": kind, "case": name, "seed": seed, "texts": []}
     folder = folder_of(records, kind, name, seed)
     folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, __file__, "one", "--only", json.dumps([kind, name, seed])]
+    command = [sys.executable, str(BENCHMARKS), "safety.firmware_campaign", "one"]
+    command += ["--only", json.dumps([kind, name, seed])]
     command += ["--record", str(folder)]
     case = CASES[kind][name]
     if case.companion == AMENDED:

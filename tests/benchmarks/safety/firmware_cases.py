@@ -1,6 +1,6 @@
 """The ways to crash that were found on the real ArduCopter and PX4, flown in ``sim:`` in lockstep, one table.
 
-``python tests/benchmarks/firmware_cases.py [NAME…] [--seed 1] [--adapt full] [--json FILE] [--compare OLD.json]``.
+``python tests/benchmarks safety.firmware_cases [NAME…] [--seed 1] [--adapt full] [--json FILE] [--compare OLD.json]``.
 Everything is simulated; the same seed gives the same numbers on every machine, so two versions of the program can be
 compared.
 The manners of the two firmwares are those of ``companion/sim`` (docs/lab/simulator.md).
@@ -19,7 +19,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import simulators_path  # noqa: F401
 from flight_case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
 
 from companion.adapt_options import Adapt

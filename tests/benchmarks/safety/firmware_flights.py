@@ -1,6 +1,6 @@
 """Flights on a real ArduCopter or PX4 (docs/firmware.md): how far the vehicle moves when something happens at a wall.
 
-``ARDUCOPTER_BIN=… python tests/benchmarks/firmware_flights.py FLIGHT… [--first 1] [--flights 10] [--json FILE]
+``ARDUCOPTER_BIN=… python tests/benchmarks safety.firmware_flights FLIGHT… [--first 1] [--flights 10] [--json FILE]
 [--record DIR] [--result FILE]``. Real firmware, simulated air (tests/firmware/rough_air.py). The seed draws air and
 sensors; time is the firmware's, so no two flights are the same. With ``--json`` flights that are in the file already
 are not flown again. Distances are the truth of the physics, NED, and changes only: an error of the GPS does not count.
@@ -24,7 +24,7 @@ from typing import Any
 
 from result_file import _commit, add_option, figure, write_result
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "firmware"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "firmware"))
 from rig import ARDUCOPTER, GUIDED, OFFBOARD, PX4, Moment, Rig
 
 HEIGHT_M = 1.5
