@@ -18,7 +18,10 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+from shares import wilson
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 ANY_MACHINE = "any: the same numbers everywhere"
 NOT_CODE = (":!tests/benchmarks/results", ":!docs", ":!README.md")
 
@@ -54,16 +57,12 @@ def counted(
     what: str, flags: Iterable[bool], *, least: float | None = None, most: float | None = None
 ) -> dict[str, Any]:
     """A share with its counts and its 95 % interval (Wilson); goals ``least`` or ``most`` are shares, too."""
-    from scipy.stats import binomtest  # not where reading ease is measured
-
     values = list(flags)
     if not values:
         return figure(what, "none")
     share = sum(values) / len(values)
-    interval = binomtest(sum(values), len(values)).proportion_ci(method="wilson")
-    detail = (
-        f"{sum(values)} of {len(values)}, [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
-    )
+    low, high = wilson(sum(values), len(values))
+    detail = f"{sum(values)} of {len(values)}, [{100 * low:.0f}, {100 * high:.0f}]"
     goal = least if least is not None else most
     met = None if goal is None else share >= goal if least is not None else share <= goal
     return figure(
@@ -122,13 +121,9 @@ def _command() -> str:
     if "--result" in arguments:
         at = arguments.index("--result")
         arguments = arguments[:at] + arguments[at + 2 :]
-    program = Path(sys.argv[0])
-    if program.name == "__main__.py":
-        start = f"cd tests/benchmarks && python -m {program.parent.name}"
-    elif program.resolve().parent.parent == Path(__file__).resolve().parent:
-        start = f"cd tests/benchmarks && python -m {program.parent.name}.{program.stem}"
-    else:
-        start = f"python tests/benchmarks/{program.name}"
+    program = Path(sys.argv[0]).resolve().relative_to(HERE).with_suffix("")
+    name = ".".join(program.parts).removesuffix(".__main__")
+    start = f"python tests/benchmarks {name}"
     return " ".join([start, *map(shlex.quote, arguments)])
 
 
@@ -149,5 +144,6 @@ def _commit() -> str:
 
 
 def _machine() -> str:
-    cores, load = os.cpu_count(), os.getloadavg()[0]
+    cores = os.cpu_count()
+    load = os.getloadavg()[0]
     return f"{cores} cores ({platform.machine()}), load {load:.0f} at the end"

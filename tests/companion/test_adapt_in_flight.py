@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from adapt_campaign import Case
-from adapt_cost import samples_of
 from adapt_flights import Watch, fly, payload
 from adapt_models import TrueModel, WarpedModel
+from adaptation.adapt_campaign import Case
 from simflight import sent_and_decided
 from simulated import simulated
+from speed.adapt_cost import samples_of
 from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import firmware_cases
 import pytest
 from flight_case import Case, fly_case
+from safety import firmware_cases
 
 from companion.vehicles import QUAD
 from models.common.errors import LinkError

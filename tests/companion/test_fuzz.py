@@ -9,11 +9,11 @@ import warnings
 import numpy as np
 import pytest
 from flying import CONFIG
-from fuzz import RAW, Limits, check_sound, log_kinds, proper_frame, records, sound_flight
-from fuzz_logs import ulg_kind
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_writers import bin_flight, ulg_flight
+from safety.fuzz import RAW, Limits, check_sound, log_kinds, proper_frame, records, sound_flight
+from safety.fuzz_logs import ulg_kind
 
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from faults.campaign import config
-from firmware_cases import SLOW_LOOP
 from flight_case import POSITION_ONLY, Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from safety.firmware_cases import SLOW_LOOP
 from simulated import simulated
 
 from companion.config import PipelineConfig

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cfd_statements import summary, text
+from surrogates.cfd_statements import summary, text
 
 from models import dataset
 from models.cfd import campaign, config, table

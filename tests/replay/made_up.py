@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from diagnose_noise import noise_record
+from noise_records import noise_record
 
 from models.effects import Effect, catalogue, get
 from replay.residual.record import Record

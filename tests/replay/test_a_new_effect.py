@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnose_noise import noise_record
+from noise_records import noise_record
 
 import models.effects
 from models.effects import catalogue, get

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import amended_hover
 import pytest
+from flight import amended_hover
 
 import models
 from companion.sim.body import Surroundings

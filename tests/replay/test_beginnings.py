@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose_noise import noise_record
+from noise_records import noise_record
 
 from models.effects import catalogue, get
 from replay.diagnosis.amended_model import amended

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from log_writers import BinWriter
 
 from models.common.errors import LogError
 from models.common.frames import GRAVITY, Array
@@ -16,7 +17,6 @@ from replay.flightlog import FlightLog, Interval, Series
 from replay.residual.record import build_record
 from replay.vehicle.draft import draft
 from replay.vehicle.given import Given
-from tests.benchmarks.log_writers import BinWriter
 from tests.replay.rigid_flight import RATE_HZ, Motion, fly, logged
 
 SHIPPED = Path(__file__).parents[2] / "companion" / "vehicles" / "quad.toml"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnose_noise import noise_record
+from noise_records import noise_record
 
 from companion.vehicles import default_vehicle
 from models.effects import get

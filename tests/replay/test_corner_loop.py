@@ -1,7 +1,7 @@
 """One recorded flight makes a model that flies in the corner, whatever the model was; and what must make none.
 
 Simulated. The air of every seed differs (companion/sim/air.py); the figures over many flights are
-``tests/benchmarks/corner_loop.py``.
+``tests/benchmarks/flight/corner_loop.py``.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from corner_loop import World
-from corner_models import declared
+from flight.corner_loop import World
+from flight.corner_models import declared
 
 from companion.sim.flown import Leg
 from companion.vehicles import default_vehicle

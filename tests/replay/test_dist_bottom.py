@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from log_writers import UlgWriter
 
 from replay.flightlog import FlightLog
 from replay.logs.formats import load
-from tests.benchmarks.log_writers import UlgWriter
 
 SECONDS, RATE_HZ = 20.0, 20
 RISES_S, LANDS_S = 5.0, 15.0

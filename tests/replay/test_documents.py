@@ -3,12 +3,12 @@
 import re
 import shlex
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 
-import effects_page
 import numpy as np
 import pytest
-import results_page
+from documents import effects_page, results_page
 from log_writers import flight, quad_flight, write_data_set, write_tlog
 
 import companion.cli
@@ -33,6 +33,9 @@ FIGURE = re.compile(
 )
 """A measured figure: such stand in docs/results.md and in the notebook only."""
 ON_THE_VEHICLE = "# on the vehicle"
+BENCHMARKS = ROOT / "tests" / "benchmarks"
+MEASURE = re.findall(r"^\| `([\w.]+)` \|", (BENCHMARKS / "README.md").read_text("utf-8"), re.M)
+"""Commands that measure, by their tables."""
 PARSERS = {
     "companion": companion.cli.parser,
     "replay": replay.cli.parser,
@@ -72,8 +75,8 @@ def test_every_documented_command_exists_with_its_options(document, line, capsys
                 PARSERS[program]().parse_args(arguments)
             except SystemExit as stop:
                 pytest.fail(f"{document}: {line}: {stop.code} {capsys.readouterr().err}")
-        elif program.startswith("python") and arguments and arguments[0].startswith("tests/"):
-            assert (ROOT / arguments[0]).exists(), f"{document}: {arguments[0]}"
+        elif program.startswith("python") and arguments[:1] == ["tests/benchmarks"]:
+            assert arguments[1] in MEASURE, f"{document}: {arguments[1]}"
 
 
 @pytest.fixture
@@ -99,7 +102,7 @@ def test_the_guide_runs_word_by_word(folder, capsys):
             continue
         for program, arguments in parts(line):
             if program not in PARSERS:
-                continue  # the environment and its packages: tests/benchmarks/guide_fresh.py makes one
+                continue  # the environment and its packages: tests/benchmarks/documents/guide_fresh.py makes one
             if program == "companion":
                 cut = [*arguments, "--duration", "4"]
                 cut[cut.index("sim.tlog")] = "short.tlog"
@@ -231,14 +234,23 @@ def test_the_page_of_effects_is_what_the_catalogue_says_and_every_effect_has_a_p
 
 
 def test_every_command_that_measures_stands_in_their_table():
-    folder = ROOT / "tests" / "benchmarks"
     commands = {
-        str(path.relative_to(folder))
-        for path in folder.rglob("*.py")
-        if re.search(r'^if __name__ == "__main__"', path.read_text(encoding="utf-8"), re.M)
+        ".".join(path.relative_to(BENCHMARKS).with_suffix("").parts).removesuffix(".__main__")
+        for path in BENCHMARKS.rglob("*.py")
+        if "\nif __name__ == " in path.read_text(encoding="utf-8")
     }
-    rows = re.findall(r"^\| `([^`]+)` \|", (folder / "README.md").read_text(encoding="utf-8"), re.M)
-    assert sorted(rows) == sorted(commands)
+    assert sorted(MEASURE) == sorted(commands)
+
+
+@pytest.mark.parametrize("name", MEASURE)
+def test_every_command_that_measures_says_what_its_options_are(name, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", [name, "--help"])
+    package = BENCHMARKS.joinpath(name, "__main__.py").exists()
+    command = import_module(f"{name}.__main__" if package else name)
+    with pytest.raises(SystemExit) as stop:
+        command.main()
+    assert stop.value.code == 0
+    assert "--help" in capsys.readouterr().out
 
 
 def test_a_result_names_what_is_wrong_in_its_file(tmp_path):

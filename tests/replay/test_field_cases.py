@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import field_cases
 import pytest
+from field import field_cases
+from field.field_cases import Answer, ask, shared_cases, wrong
 from field_case_logs import CASES, Expected
-from field_cases import Answer, ask, shared_cases, wrong
 
 from replay import load
 

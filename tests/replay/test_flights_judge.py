@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import pytest
-import reliability
-from flights_judge import judge, rms_ratio, wilson
+from diagnosis import reliability
+from diagnosis.flights_judge import judge, rms_ratio
+from shares import wilson
 
 AXES = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
 

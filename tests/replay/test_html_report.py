@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
-from diagnose_noise import noise_record
+from noise_records import noise_record
 from pages import without_script
 
 from models.effects import Context, Effect, catalogue, get

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from independent_judge import claimed_size, judge, share
+from diagnosis.independent_judge import claimed_size, judge
+from shares import share
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -105,5 +106,5 @@ def test_no_answer_misses_everything():
 
 
 def test_shares_come_with_wilson_intervals():
-    assert share([True] * 19 + [False]) == "19 of 20 = 95% [76%, 99%]"
+    assert share([True] * 19 + [False]) == "19/20 = 95% [76%, 99%]"
     assert share([]) == "none"

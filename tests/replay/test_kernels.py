@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import kernels
 import pytest
-from kernels import Asked, Job, Kernel
 from log_writers import quad_flight, write_tlog
+from regression import kernels
+from regression.kernels import Asked, Job, Kernel
 
 from companion.vehicles import QUAD
 

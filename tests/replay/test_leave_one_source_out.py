@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from pkgutil import iter_modules
 
-import leave_one_source_out as held
 import pytest
+from measured import leave_one_source_out as held
 from measured.answers import ask
 from measured.judge import Judgement
 from measured.settings import parse, used

@@ -7,10 +7,9 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
-import measured_flights
 import pytest
-import reliability
-from measured import answers
+from diagnosis import reliability
+from measured import answers, measured_flights
 from measured.judge import OLD_NAMES, judge, judge_refusal
 from measured.known import CATALOGUE, TABLE, YOUNGER, Flight, Range, read, together
 

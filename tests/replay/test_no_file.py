@@ -3,11 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-import no_file
 import pytest
-from no_file import Answer, Truth, answered_truly, drafted_truly, read_table
+from field import no_file
+from field.no_file import Answer, Truth, answered_truly, drafted_truly, read_table
 
-TABLE = Path(no_file.__file__).parent / "field" / "public_logs.toml"
+TABLE = Path(no_file.__file__).with_name("public_logs.toml")
 FACTS = [{"key": "frame", "value": "quad-x"}, {"key": "rotors", "value": [9, 10, 11, 12]}]
 ANSWERED = Answer(Path("a.BIN"), 0, 2.0, {"vehicle": {"known": FACTS}}, "")
 REFUSED = Answer(Path("a.BIN"), 3, 2.0, {}, "replay: a.BIN: the vehicle did not fly")

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnose_noise import noise_record
 from made_up import some
+from noise_records import noise_record
 
 from models.air_state import blank_state
 from models.effects import AdoptedEffect, Context, Effect, get

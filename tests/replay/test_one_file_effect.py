@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import effects_page
 import numpy as np
 import pytest
-from diagnose_noise import noise_record
+from documents import effects_page
+from noise_records import noise_record
 
 import models.effects
 from models.effects import adopted, adopted_wrench, catalogue, get

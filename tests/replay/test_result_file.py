@@ -5,7 +5,7 @@ import json
 
 import pytest
 import result_file
-import results_page
+from documents import results_page
 from result_file import counted, figure
 
 
@@ -15,10 +15,12 @@ def given(*words):
     return p.parse_args(words)
 
 
+def typed(monkeypatch, file, *arguments):
+    monkeypatch.setattr("sys.argv", [str(result_file.HERE / file), *arguments])
+
+
 def test_a_new_file_is_one_that_the_page_of_results_can_show(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "sys.argv", ["tests/benchmarks/latency.py", "--rate", "400", "--result", "x.json"]
-    )
+    typed(monkeypatch, "speed/latency.py", "--rate", "400", "--result", "x.json")
     path = tmp_path / "speed.json"
     result_file.write_result(
         given("--result", str(path)),
@@ -26,14 +28,14 @@ def test_a_new_file_is_one_that_the_page_of_results_can_show(tmp_path, monkeypat
         seeds="none",
     )
     found = results_page.load(path)
-    assert found.command == "python tests/benchmarks/latency.py --rate 400"
+    assert found.command == "python tests/benchmarks speed.latency --rate 400"
     assert found.title == "speed"
     assert found.figures[0].met is True
     assert "| p50 [ms] | 0.23 | 0.3 | yes |" in results_page.page([found])
 
 
 def test_words_of_a_person_stay_and_figures_not_measured_name_their_commit(tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.argv", ["tests/benchmarks/faults/__main__.py", "--seed", "2"])
+    typed(monkeypatch, "faults/__main__.py", "--seed", "2")
     path = tmp_path / "08_faults.json"
     old = {
         "title": "Faults in flight", "command": "x", "commit": "abc1234", "date": "2026-01-01", "machine": "any",
@@ -55,7 +57,7 @@ def test_words_of_a_person_stay_and_figures_not_measured_name_their_commit(tmp_p
         ("A note.",),
         False,
     )
-    assert found.command == "cd tests/benchmarks && python -m faults --seed 2"
+    assert found.command == "python tests/benchmarks faults --seed 2"
     assert found.machine == result_file.ANY_MACHINE
     assert [f.what for f in found.figures] == ["right", "by hand (commit abc1234)"]
     assert found.figures[0].readme == (6, "faults")

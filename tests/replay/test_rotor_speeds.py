@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from log_writers import EPOCH_US, BinWriter, frame, heartbeat, write_tlog
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_STATUS
@@ -15,7 +16,6 @@ from models.common.frames import Array
 from replay.flightlog import EscRecord, Series
 from replay.logs.formats import load
 from replay.logs.rotor_speeds import believable, believable_escs
-from tests.benchmarks.log_writers import EPOCH_US, BinWriter, frame, heartbeat, write_tlog
 
 SAMPLES = 60
 STEP_S = 0.1

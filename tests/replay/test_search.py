@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import kernels
 import numpy as np
 import pytest
-from diagnose_noise import coloured, noise_record
+from noise_records import coloured, noise_record
 from patience import HANG_S
+from regression import kernels
 
 import replay.search
 from models.common.frames import Array
@@ -32,8 +32,6 @@ from replay.search.results import Found, Searched, summarise
 from replay.search.significance import Contributions, tops
 from replay.search.terms import Term
 from replay.search.walk import walk
-
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
@@ -778,8 +776,8 @@ def test_every_linear_algebra_kernel_gives_the_same_answer(kernel: str) -> None:
     )
 
     tests = Path(__file__).parents[1]
-    folders = (BENCHMARKS, tests / "simulators", tests / "replay")
-    paths = os.pathsep.join(map(str, folders))
+    folders = ("lib", "benchmarks", "simulators", "replay")
+    paths = os.pathsep.join(str(tests / folder) for folder in folders)
 
     def run(**environment: str) -> str:
         return subprocess.run(

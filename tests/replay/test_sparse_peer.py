@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import sparse_peer
-import transfer
+from measured import sparse_peer, transfer
 
 
 @pytest.fixture(scope="module")

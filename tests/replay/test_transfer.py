@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import transfer
+from measured import transfer
 
 
 def test_an_error_is_a_geometric_mean_over_axes_of_what_is_left():
@@ -65,7 +65,7 @@ def test_a_source_with_many_pairs_weighs_no_more_than_another():
 
 
 def test_a_table_gives_the_flights_of_each_vehicle_file_that_are_there(tmp_path, capsys):
-    table = Path(transfer.__file__).parent / "measured" / "payload.toml"
+    table = Path(transfer.__file__).with_name("payload.toml")
     for name in (
         "payload_1.toml",
         "payload_2.toml",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from log_writers import quad_flight, write_tlog
 
 from models.common.errors import LogError
 from models.vehicle import Vehicle, load_vehicle
@@ -16,7 +17,6 @@ from replay.residual.record import Record, build_record
 from replay.sources.choose import chosen
 from replay.vehicle.draft import draft
 from replay.vehicle.given import Given
-from tests.benchmarks.log_writers import quad_flight, write_tlog
 from tests.replay.rigid_flight import Motion, fly, logged
 
 SHIPPED = Path(__file__).parents[2] / "companion" / "vehicles" / "quad.toml"

@@ -1,3 +1,1 @@
 """What goes wrong in a flight beside a wall, flown in lockstep against the built-in vehicle, every output checked."""
-
-import simulators_path  # noqa: F401

@@ -1,4 +1,4 @@
-"""The fault campaign: ``python -m faults [NAME...]`` in tests/benchmarks prints fault, noticed, output, recovery.
+"""The fault campaign: ``python tests/benchmarks faults [NAME...]`` prints fault, noticed, output, recovery.
 
 Everything is simulated, in lockstep: the same seed gives the same table on every machine. ``--json`` is written after
 every flight, and ``--resume`` goes on from it. Exit code 1 where a promise was broken or a fault went otherwise than
@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+import command_line
 from result_file import add_option, counted, figure, write_result
 
 from companion.adapt_options import Adapt
@@ -80,9 +81,7 @@ def _back(r: Result) -> str:
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(
-        prog="faults", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = command_line.parser(__doc__, prog="faults")
     p.add_argument(
         "names",
         nargs="*",
@@ -158,7 +157,8 @@ def fly_all(
     jobs: Sequence[Job], done: dict[Job, Result], a: argparse.Namespace
 ) -> dict[Job, Result]:
     """Every job that is not done; rows are printed as flights end."""
-    left, bars = [job for job in jobs if job not in done], Bars()
+    left = [job for job in jobs if job not in done]
+    bars = Bars()
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
         pending = {pool.submit(fly_named, job, Adapt(a.adapt)): job for job in left}
         for future in as_completed(pending):
@@ -185,7 +185,8 @@ def main() -> int:
     print(f"simulated, in lockstep, seed {a.seed}\n{HEAD}", flush=True)
     done = fly_all(jobs, {job: r for job, r in before.items() if job in jobs}, a)
     results = [done[job] for job in jobs]
-    outputs, broken = sum(r.outputs for r in results), [r for r in results if r.broken]
+    outputs = sum(r.outputs for r in results)
+    broken = [r for r in results if r.broken]
     odd = sum(bool(complaints(BY_NAME[r.fault], r)) for r in results)
     print(
         f"{len(results)} flights, {len({r.fault for r in results})} faults, {outputs} setpoints checked: "

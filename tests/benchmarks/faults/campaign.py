@@ -27,7 +27,10 @@ from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT
 from models.vehicle import Rangefinder
 
-HEIGHT_M, WALL_M, GAP_M, LOW_M = 0.9, 1.2, 0.30, 0.45
+HEIGHT_M = 0.9
+WALL_M = 1.2
+GAP_M = 0.30
+LOW_M = 0.45
 """Take-off, wall from the lip at the origin, lip to wall while the fault lasts, height of the CG there."""
 RECOVERY_S = 9.0
 STACKS = ("ardupilot", "px4")
@@ -224,7 +227,8 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
         p.bench = benches[0]
         p.bench.tamper.clock_ms = fault.clock_ms
         if fault.key is not None:
-            world.mav.signing.secret_key, world.mav.signing.sign_outgoing = fault.key, True
+            world.mav.signing.secret_key = fault.key
+            world.mav.signing.sign_outgoing = True
             p.bench.tamper.signatures = signer(fault.key)
         return p
 

@@ -20,9 +20,17 @@ from companion.sim.autopilot import Mode
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
 from faults.tamper import signed, signer
 
-HEARTBEAT, ATTITUDE, POSITION, RANGE, RING = 0, 31, 32, 132, 330
-ESC, ESC_STATUS, ESC_INFO, LANDED = 11030, 291, 290, 245
-DOWN, WALL = 25, 2
+HEARTBEAT = 0
+ATTITUDE = 31
+POSITION = 32
+RANGE = 132
+RING = 330
+ESC = 11030
+ESC_STATUS = 291
+ESC_INFO = 290
+LANDED = 245
+DOWN = 25
+WALL = 2
 ROTORS = (ESC, ESC_STATUS)
 
 
@@ -271,7 +279,8 @@ def forged(key: bytes | None) -> Act:
     """Somebody speaks as the vehicle: tilted by 74 degrees, 12 cm high, disarmed. Unsigned, or with another key."""
 
     def each(b: Bench) -> None:
-        ms, sign = round(b.now_s * 1000.0), None if key is None else signer(key)
+        ms = round(b.now_s * 1000.0)
+        sign = None if key is None else signer(key)
         for message in (
             mavlink.MAVLink_heartbeat_message(2, 3, 0, 5, 3, 3),
             mavlink.MAVLink_attitude_quaternion_message(ms, 0.8, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -437,7 +446,8 @@ def biased_attitude(roll_rad: float) -> Act:
     """Attitudes say that the vehicle rolls more than it does."""
 
     def begin(b: Bench) -> None:
-        c, s = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+        c = math.cos(0.5 * roll_rad)
+        s = math.sin(0.5 * roll_rad)
 
         def edit(m: Any) -> None:
             m.q1, m.q2, m.q3, m.q4 = (
@@ -589,17 +599,20 @@ def nothing(_: Bench) -> None:
     return
 
 
-AP, PX4 = ("ardupilot",), ("px4",)
+AP = ("ardupilot",)
+PX4 = ("px4",)
 KEY = bytes(range(32))
 REPLAY = replayed()
 RISING = rising_wind()
 PUSHED_OFF_M = 0.45
 """The same push, 2.6 m/s^2 in all, against a position stiffness of 2.2 x 5 1/s^2 is 0.24 m until the integral has it,
 and more while the tilt is at its limit of 15 degrees."""
-GUST_OFF_M, GUST_TOUCHES_S = 0.5, 0.5
+GUST_OFF_M = 0.5
+GUST_TOUCHES_S = 0.5
 """A gust that is there at once pushes the ducts and, through vanes that hold their moment off, the vehicle: 2.3 m/s^2
 towards the wall. It is 0.30 m away. The full tilt away from it, commanded in the very instant of the gust, lets the
-vehicle come 0.3 m nearer before it stops: ``python -m faults.gust_limit``. More than a touch is not allowed."""
+vehicle come 0.3 m nearer before it stops: ``python tests/benchmarks faults.gust_limit``. More than a touch is not
+allowed."""
 
 FAULTS = (
     # ranges

@@ -1,4 +1,4 @@
-"""How far a sudden wind moves a vehicle in free air: ``python -m faults.gust_drift`` in tests/benchmarks.
+"""How far a sudden wind moves a vehicle in free air: ``python tests/benchmarks faults.gust_drift``.
 
 Simulated, offsets off. Beside it the acceleration by which the air pushes: momentum drag of the rotors, and the vanes
 that hold its moment.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import command_line
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 from simulated import simulated
@@ -19,7 +20,8 @@ from faults.campaign import STACKS
 from models.vehicle import Vehicle, load_vehicle
 
 WINDS_M_S = (1.5, 2.5, 4.0)
-HEIGHT_M, SECONDS = 2.5, 4.0
+HEIGHT_M = 2.5
+SECONDS = 4.0
 
 
 def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:
@@ -49,6 +51,7 @@ def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:
 
 def main() -> None:
     """Fly and print."""
+    command_line.parser(__doc__).parse_args()
     print("simulated, free air\nvehicle  stack      wind m/s  push m/s²  moved m  moved/push s²")
     for path in (QUAD, TANDEM):
         for stack in STACKS:

@@ -1,4 +1,4 @@
-"""What the vehicle can do against a gust at best: ``python -m faults.gust_limit`` in tests/benchmarks.
+"""What the vehicle can do against a gust at best: ``python tests/benchmarks faults.gust_limit``.
 
 The full tilt away from the wall is commanded in the very instant of the gust, past link and sensors. How much nearer
 does the vehicle come before it stops? Simulated; of the flight program it holds the hover before the gust alone.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+
+import command_line
 
 from companion.sim.autopilot import AttitudeDemand
 from faults.campaign import GAP_M, STACKS, Bench, Fault, fly
@@ -44,6 +46,7 @@ class BestAnswer:
 
 def main() -> None:
     """Fly and print."""
+    command_line.parser(__doc__).parse_args()
     print(
         f"simulated; the wall is {GAP_M} m away\nstack      tilt away   comes nearer by, m (seeds {SEEDS})"
     )

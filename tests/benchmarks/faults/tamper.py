@@ -45,7 +45,8 @@ class Tamper:
 
     def say(self, message: Any, now_s: float, system: int = 1, component: int = 1) -> None:
         """Add a message of anybody's."""
-        self._writer.srcSystem, self._writer.srcComponent = system, component
+        self._writer.srcSystem = system
+        self._writer.srcComponent = component
         self._send(message.pack(self._writer), now_s)
         self._writer.seq = (self._writer.seq + 1) % 256
 
@@ -89,7 +90,8 @@ class Tamper:
             )
         if edit is not None and edit(message) is False:
             return None
-        self._writer.srcSystem, self._writer.srcComponent = 1, 1
+        self._writer.srcSystem = 1
+        self._writer.srcComponent = 1
         out: bytes = message.pack(self._writer)
         self._writer.seq = (self._writer.seq + 1) % 256
         return out

@@ -13,12 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
-REPO = Path(__file__).resolve().parents[3]
+from diagnosis.declared import ENVIRONMENT, REPO, be_nice, train
+
+from models.common.frames import GRAVITY
+
 DATA = Path(os.environ.get("CORNER_SHARED", REPO.parent / "shared")) / "data"
 """Where recorded flights lie that are not part of the project."""
-GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)
@@ -56,38 +57,21 @@ def ask(
         try:
             done = subprocess.run(
                 command, cwd=REPO, capture_output=True, text=True, timeout=timeout_s, check=False,
-                env={**os.environ, "OMP_NUM_THREADS": "1", **(environment or {})}, preexec_fn=_be_nice,
+                env=ENVIRONMENT | (environment or {}), preexec_fn=be_nice,
             )  # fmt: skip
-            code, complaint = done.returncode, (done.stderr.strip().splitlines() or [""])[-1]
+            code = done.returncode
+            complaint = (done.stderr.strip().splitlines() or [""])[-1]
         except subprocess.TimeoutExpired:
-            code, complaint = -1, f"no answer in {timeout_s:g} s"
+            code = -1
+            complaint = f"no answer in {timeout_s:g} s"
         answer = json.loads(out.read_text()) if code == 0 and out.exists() else None
         return Asked(answer, code, complaint, time.perf_counter() - begun)
 
 
-def train(table: Path) -> Path:
-    """The model of a table of the air, trained once and kept in a temporary folder."""
-    out = (
-        Path(tempfile.gettempdir()) / "measured-flights" / f"model-{crc32(table.read_bytes()):08x}"
-    )
-    if not (out / "model.json").exists():
-        command = [
-            sys.executable,
-            "-m",
-            "models",
-            "train",
-            "--data",
-            str(table),
-            "--method",
-            "ensemble",
-        ]
-        subprocess.run(
-            [*command, "--out", str(out), "--quiet"],
-            check=True,
-            cwd=REPO,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-        )
-    return out
+def declared(table: Path) -> Path:
+    """The model of a table of the air, kept in a temporary folder."""
+    folder = Path(tempfile.gettempdir()) / "measured-flights"
+    return train(table, "ensemble", folder)
 
 
 def weight_n(vehicle: Path) -> float:
@@ -97,7 +81,3 @@ def weight_n(vehicle: Path) -> float:
 
 def _mass_kg(vehicle: Path) -> float:
     return float(tomllib.loads(vehicle.read_text(encoding="utf-8"))["mass_kg"])
-
-
-def _be_nice() -> None:
-    os.nice(19)

@@ -99,7 +99,8 @@ CHANGES = {
 
 def changed(flight: Flight, name: str, data: Path, folder: Path) -> Flight | None:
     """``flight`` with its vehicle file changed, written into ``folder``; None where the change says nothing there."""
-    change, file = CHANGES[name], data / flight.vehicle
+    change = CHANGES[name]
+    file = data / flight.vehicle
     text = file.read_text(encoding="utf-8")
     vehicle = tomllib.loads(text)
     telemetered = "throttle" not in vehicle and all("ct" in fan for fan in vehicle["fan"])

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from stated import Statement, number, statement
+from diagnosis.stated import Statement, number, statement
 
 from .known import CATALOGUE, FORCES, Flight, Known
 

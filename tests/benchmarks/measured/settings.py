@@ -1,4 +1,4 @@
-"""``replay`` with a search that is changed: ``python settings.py TRUST=0.25 _predictive=off -- diagnose LOG...``.
+"""``replay`` with a search that is changed: ``TRUST=0.25 _predictive=off -- diagnose LOG...``.
 
 A name is a constant or a function of a module of ``replay.search``; every module that holds it gets the value. A
 function that is ``off`` gives its first argument back. A name that no module holds is refused, so that a renamed one
@@ -7,6 +7,7 @@ cannot pass for a setting that changes nothing.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -15,8 +16,8 @@ from pkgutil import iter_modules
 from typing import Any
 from unittest.mock import patch
 
+import replay.cli
 import replay.search
-from replay.cli import main
 
 OFF = "off"
 Value = float | str
@@ -58,7 +59,18 @@ def _first(given: Any, *_: Any) -> Any:
     return given
 
 
+def main() -> int:
+    words = sys.argv[1:]
+    end = words.index("--") if "--" in words else len(words)
+    p = argparse.ArgumentParser(
+        description=__doc__,
+        usage="%(prog)s NAME=VALUE... -- COMMAND...",
+    )
+    p.add_argument("settings", nargs="*", metavar="NAME=VALUE")
+    a = p.parse_args(words[:end])
+    with used(parse(a.settings)):
+        return replay.cli.main(words[end + 1 :])
+
+
 if __name__ == "__main__":
-    split = sys.argv.index("--")
-    with used(parse(sys.argv[1:split])):
-        raise SystemExit(main(sys.argv[split + 1 :]))
+    sys.exit(main())

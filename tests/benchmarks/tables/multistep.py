@@ -56,7 +56,8 @@ def fit(paths: Paths, parameters: list[Parameter]) -> dict[str, float]:
             tried = np.clip(x + step, low, high)
             there = paths(tried * size)
             if _mean_norm(there) < before:
-                x, errors = tried, there
+                x = tried
+                errors = there
                 damping *= 0.3
                 break
             damping *= 10.0

@@ -1,6 +1,6 @@
 """The nano-drone benchmark of IDSIA: our model beside the authors' learners, on their test flights, by their metric.
 
-``cd tests/benchmarks && python -m tables.nanodrone CLONE``: CLONE is a clone of
+``python tests/benchmarks tables.nanodrone CLONE``: CLONE is a clone of
 github.com/idsia-robotics/nanodrone-sysid-benchmark (Busetto et al. 2026, arXiv:2512.14450). Needs pyarrow. Their rows
 *Naive* and *Physics* are computed first; where they differ by more than 2 % from what was published, nothing is told.
 The model is a vehicle with effects of the catalogue, rolled out by ``replay.rollout``. Forces are fitted first, with
@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 
@@ -249,8 +250,10 @@ def fitted(runs: Sequence[Run]) -> Fitted:
 
 def _turned(a: Array, b: Array) -> Array:
     """Rotation vectors (..., 3) from quaternions b to a, for angles well below a half turn."""
-    w, v = b[..., :1], b[..., 1:]
-    x, u = a[..., :1], a[..., 1:]
+    w = b[..., :1]
+    v = b[..., 1:]
+    x = a[..., :1]
+    u = a[..., 1:]
     scalar = w * x + (v * u).sum(axis=-1, keepdims=True)
     return np.asarray(2.0 * np.sign(scalar) * (w * u - x * v - np.cross(v, u)))
 
@@ -313,13 +316,10 @@ def reproduced(runs: Sequence[Run]) -> dict[str, Score]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     parser.add_argument("--validate", action="store_true", help="score flights for validation")
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     ours = fitted(raw_runs(a.clone, TRAINING, (1, 2, 3)))
     for name, value in ours.values.items():
         print(f"{name:24s} {value:.4g}")

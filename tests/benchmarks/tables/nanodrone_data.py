@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, correlate, sosfiltfilt
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from sources.clone import read
+from sources.motion import FLIP
 
 from models.common.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
@@ -45,8 +46,6 @@ RAD_S_PER_ERPM = 2.0 * np.pi / (6 * 60)
 """As the authors convert the electrical speed."""
 IMPOSSIBLE_ERPM = 3e5
 CUTOFF_HZ = {"place": 10.0, "speed": 18.0, "pose": 12.0, "motors": 20.0}
-FLIP = np.array([1.0, -1.0, -1.0])
-"""Left and up to right and down."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def _read(clone: Path, path: str) -> dict[str, Array]:
     except ImportError:
         raise SystemExit("skipped: reading parquet needs pyarrow: pip install pyarrow") from None
     wanted = [*PLACE, *SPEED, *TURN, *POSE, *FELT, *MOTORS]
-    data = io.BytesIO(git(clone, "show", f"{COMMIT}:{path}"))
+    data = io.BytesIO(read(clone, COMMIT, path))
     table = parquet.read_table(data, columns=wanted, use_threads=False)
     return {key: np.asarray(table[key].to_numpy(), dtype=float) for key in wanted}
 

@@ -70,8 +70,10 @@ def error(quantity: str, predicted: Array, true: Array) -> Array:
 
 def _difference(a: Array, b: Array) -> Array:
     """Vector part (..., 3) of the quaternion that turns a into b."""
-    w, v = a[..., :1], a[..., 1:]
-    x, u = b[..., :1], b[..., 1:]
+    w = a[..., :1]
+    v = a[..., 1:]
+    x = b[..., :1]
+    u = b[..., 1:]
     return np.asarray(w * u - x * v - np.cross(v, u))
 
 

@@ -1,6 +1,6 @@
 """Force of the wind on the quadrotor of Neural-Fly: how much of it a constant and a drag explain.
 
-``cd tests/benchmarks && python -m tables.neural_fly CLONE``: CLONE is a clone of github.com/aerorobotics/neural-fly
+``python tests/benchmarks tables.neural_fly CLONE``: CLONE is a clone of github.com/aerorobotics/neural-fly
 (O'Connell, Shi et al. 2022, Science Robotics 7, eabm6597). It holds thirty test flights: six controllers, five winds.
 Each flight has the force ``fa`` that the authors found from acceleration and thrust. The laws are fitted to the first
 half of a flight and told for the second. RMS of the error vector. The authors publish no figure of this kind. So that
@@ -13,7 +13,6 @@ effects wind, rotor_drag and body_drag have about level flight; the vehicle's at
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import json
@@ -21,11 +20,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
-from snapshot import git
+from sources.clone import read
 
 from models.common.frames import Array
+from tables.neurobem import rms
 
 COMMIT = "0ed5024"
 FOLDER = "data/experiment"
@@ -61,7 +62,7 @@ class Flight:
 def flight(clone: Path, controller: str, wind: str) -> Flight:
     """One flight of the clone."""
     name = f"{FOLDER}/custom_figure8_{controller}_{wind}.csv"
-    text = git(clone, "show", f"{COMMIT}:{name}").decode()
+    text = read(clone, COMMIT, name).decode()
     csv.field_size_limit(sys.maxsize)
     rows = list(csv.DictReader(io.StringIO(text)))
     place = _vectors(rows, "p")
@@ -87,11 +88,6 @@ def left(one: Flight) -> tuple[Array, Array, Array]:
     return calm, wind, both
 
 
-def rms(errors: Array) -> float:
-    """RMS of error vectors (n, 3)."""
-    return float(np.sqrt((errors**2).sum(axis=1).mean()))
-
-
 def check(baseline: dict[str, Flight]) -> None:
     """Raises SystemExit where the tracking errors of the baseline are not the known ones."""
     for wind, known in KNOWN_CM.items():
@@ -101,12 +97,9 @@ def check(baseline: dict[str, Flight]) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     check({wind: flight(a.clone, "baseline", wind) for wind in WINDS})
     print("| wind | force [N] | less a constant | less drag, too |\n|---|---|---|---|")
     every = []

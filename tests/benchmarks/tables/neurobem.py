@@ -1,6 +1,6 @@
 """Test flights of NeuroBEM: force and moment by named effects, beside the authors' own predictions.
 
-``cd tests/benchmarks && python -m tables.neurobem CLONE``: CLONE is a clone of github.com/RCL-NUS/NeuroMHE, which holds
+``python tests/benchmarks tables.neurobem CLONE``: CLONE is a clone of github.com/RCL-NUS/NeuroMHE, which holds
 test flights of NeuroBEM (Bauersfeld et al., RSS 2021, arXiv:2106.08015) with the predictions of its network. Six of
 thirteen lie in it as files that can be read. The metric is the RMS of the error vector, as in the paper. NeuroBEM had
 learnt from over an hour of other flights. Ours learns from the other five flights of the table, by least squares, and
@@ -9,19 +9,18 @@ is told for the one left out. Where NeuroBEM's figures are not reproduced within
 
 from __future__ import annotations
 
-import argparse
-import io
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import command_line
 import numpy as np
-from neurobem_logs import (
-    COMMIT,
+from result_file import add_option, figure, write_result
+from scipy.spatial.transform import Rotation
+from sources.neurobem import (
     FLIGHTS,
     FLIP,
-    FOLDER,
     FORWARD_M,
     INERTIA,
     MASS_KG,
@@ -35,12 +34,9 @@ from neurobem_logs import (
     THRUST_PER_SPEED2,
     TIME,
     VELOCITY,
+    rows_of,
 )
-from neurobem_logs import FORCE as SPECIFIC_FORCE
-from result_file import add_option, figure, write_result
-from scipy.io import loadmat
-from scipy.spatial.transform import Rotation
-from snapshot import git
+from sources.neurobem import FORCE as SPECIFIC_FORCE
 
 from models.air_state import blank_state
 from models.common.frames import Array
@@ -50,9 +46,11 @@ from models.vehicle.vehicle import Fan, Rotor
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 ANGULAR = slice(1, 4)
-THEIR_FORCE, THEIR_MOMENT = slice(29, 32), slice(32, 35)
+THEIR_FORCE = slice(29, 32)
+THEIR_MOMENT = slice(32, 35)
 """Columns: angular acceleration, and what NeuroBEM predicts; body forward-left-up."""
-FORCE_AXES, MOMENT_AXES = slice(0, 3), slice(3, 6)
+FORCE_AXES = slice(0, 3)
+MOMENT_AXES = slice(3, 6)
 KNOWN = {"force": 0.606, "moment": 0.0147}
 """Pooled RMS [N, N m] of NeuroBEM on these six flights."""
 ALLOWED = 0.02
@@ -116,9 +114,7 @@ def segments(clone: Path) -> list[Segment]:
     """The six flights at 400 Hz."""
     out = []
     for name in FLIGHTS:
-        data = git(clone, "show", f"{COMMIT}:{FOLDER}/bemnn{name}.mat")
-        rows = np.asarray(loadmat(io.BytesIO(data))[f"bemnn{name}"], dtype=float)
-        out.append(_segment(name, rows))
+        out.append(_segment(name, rows_of(clone, name)))
     return out
 
 
@@ -203,12 +199,9 @@ def told(flights: Sequence[Segment], theirs: Sequence[Array], ours: Sequence[Arr
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
     flights = segments(a.clone)
     theirs = {
         "force": [s.their_force - s.force for s in flights],

@@ -1,6 +1,6 @@
 """Thrust of rotor pairs near the ground: the catalogue's law of ground effect beside the classic one.
 
-``cd tests/benchmarks && python -m tables.rotor_pairs CLONE``: CLONE is a clone of
+``python tests/benchmarks tables.rotor_pairs CLONE``: CLONE is a clone of
 github.com/AmbarGarofano-Soldado/Ground-effect-results, with thrust measured over height and tilt (Garofano-Soldado et
 al., *Aerodynamic interactions of non-planar rotor pairs and model derivation in ground approach*). The exponential law
 is ``ground_effect`` of the catalogue. It is fitted to the coplanar pair, and told with every height left out in turn;
@@ -10,16 +10,15 @@ R&M 3021, has nothing to fit.
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
+import command_line
 import numpy as np
 from result_file import add_option, figure, write_result
 from scipy.optimize import curve_fit
-from snapshot import git
+from sources.clone import read
 
 from models.common.frames import Array
 
@@ -81,13 +80,10 @@ def left_out(height: Array, ratio: Array) -> Array:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("clone", type=Path, metavar="CLONE")
+    parser = command_line.of_clone(__doc__)
     add_option(parser)
     a = parser.parse_args()
-    if not a.clone.is_dir():
-        raise SystemExit(f"skipped: {a.clone}: no clone of the authors' repository is there")
-    every = curves(git(a.clone, "show", f"{COMMIT}:{FILE}").decode())
+    every = curves(read(a.clone, COMMIT, FILE).decode())
     height, ratio = every[COPLANAR]
     classic = rmse(bennett(height) - ratio)
     if abs(classic - KNOWN_BENNETT) > ALLOWED * KNOWN_BENNETT:

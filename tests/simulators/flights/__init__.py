@@ -7,5 +7,5 @@ Layout: ``craft`` (vehicles), ``near_wall`` (declared air and its table), ``plan
 (momentum and blade-element theory), ``effects`` and ``unlisted`` (what is undeclared), ``power`` (battery, motors),
 ``pilot`` (autopilot), ``world`` (the 6-DOF loop, all flights of a batch side by side), ``recorder`` (sensors, tlog),
 ``oracle`` (residual before and after removing the true effect), ``scenarios`` (which flights), ``make`` (files).
-``tests/benchmarks/flights_judge.py`` says which answers are right.
+``tests/benchmarks/diagnosis/flights_judge.py`` says which answers are right.
 """

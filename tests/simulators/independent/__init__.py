@@ -11,6 +11,6 @@ Layout: ``airframes`` (vehicles and their files), ``rotor`` (thrust, inflow, dra
 ceiling), ``power`` (battery, ESC, motor, heat), ``weather`` (wind, gusts), ``conditions`` (what is undeclared and how
 large), ``script`` (where the pilot goes), ``controller`` (autopilot), ``loads`` and ``flight`` (forces and integrator;
 flights of one vehicle side by side), ``explain`` (wrench of each effect from the recorded states), ``sensors``,
-``tlog``, ``cases`` (which flights), ``make`` (files). ``tests/benchmarks/independent_judge.py`` says which answers are
-right.
+``tlog``, ``cases`` (which flights), ``make`` (files). ``tests/benchmarks/diagnosis/independent_judge.py`` says which
+answers are right.
 """

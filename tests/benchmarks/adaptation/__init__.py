@@ -1,0 +1,1 @@
+"""Does what is learnt in flight help?"""

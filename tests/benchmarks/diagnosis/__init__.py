@@ -1,0 +1,1 @@
+"""Is what a simulated flight lacks named, and nothing else?"""

@@ -1,0 +1,211 @@
+"""Fly a round of simulated flights and see whether ``replay diagnose`` names what was undeclared.
+
+``python tests/benchmarks diagnosis.diagnose_suite [--round N] [--only NAME...] [--json FILE]``. Seeded; flights are
+written to a cache folder outside the repository (or ``--keep DIR``), once; the declared model is trained once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import command_line
+from flights.make import make_round
+from flights.scenarios import HELD_OUT_ROUND, scenarios
+from result_file import add_option, counted, write_result
+from shares import share
+
+from diagnosis.declared import ENVIRONMENT, REPO, be_nice, train
+from diagnosis.flights_judge import Judgement, judge
+
+GOAL_SIZE = 0.02
+"""Share of the weight from which on an effect is to be named."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One flight's result."""
+
+    name: str
+    group: str
+    seconds: float
+    judgement: Judgement
+    size_of_weight: float
+    """Of what is undeclared: 95th percentile of its force, or of its moment over the fans' arm."""
+
+
+def main() -> int:
+    args = _parser().parse_args()
+    rows: list[Row] = []
+    for number in args.round:
+        folder = (args.keep or Path(tempfile.gettempdir()) / "diagnose-suite") / f"round{number}"
+        names = {s.name for s in scenarios(number)}
+        wanted = [n for n in args.only if n in names] if args.only else []
+        truth = make_round(folder, number, wanted, progress=args.verbose)
+        if args.group:
+            truth = {n: t for n, t in truth.items() if t["group"] in args.group}
+        model = train(folder / "table.csv", args.method, folder.parent)
+        tag = "" if args.round == [number] else f"{number}/"
+        with ThreadPoolExecutor(args.jobs) as pool:
+            futures = [
+                pool.submit(run_one, folder, model, name, t, args.timeout)
+                for name, t in truth.items()
+            ]
+            for future in futures:
+                row = future.result()
+                rows.append(replace(row, name=tag + row.name))
+                print(line(rows[-1]), flush=True)
+    print()
+    print(summary(rows, held_out=any(n >= HELD_OUT_ROUND for n in args.round)))
+    by = {
+        g: [r.judgement for r in rows if r.group == g]
+        for g in ("null", "single", "pair", "unlisted", "bad")
+    }
+    effects = by["single"] + by["pair"]
+    figures = [
+        counted("named right", (j.right for j in effects), least=0.95),
+        counted("a wrong name", (bool(j.wrong_names) for j in effects), most=0.03),
+        counted(
+            "false alarms on flights that lack nothing", (not j.right for j in by["null"]), most=0.0
+        ),
+        counted("forces outside the catalogue, right", (j.right for j in by["unlisted"])),
+        counted("bad input, right", (j.right for j in by["bad"])),
+    ]
+    write_result(args, figures, seeds=f"round {', '.join(map(str, args.round))}", simulated=True)
+    if args.json:
+        text = json.dumps([asdict(r) for r in rows], indent=1)
+        if args.json == "-":
+            print(text)
+        else:
+            Path(args.json).write_text(text)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    p = command_line.parser(__doc__)
+    p.add_argument(
+        "--round",
+        type=int,
+        nargs="+",
+        default=[1],
+        help=f"sets of seeds; from {HELD_OUT_ROUND} on: held out",
+    )
+    p.add_argument("--only", nargs="*", default=[], metavar="NAME", help="only these flights")
+    p.add_argument(
+        "--group", nargs="*", default=[], help="only null, single, pair, unlisted or bad flights"
+    )
+    p.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="where flights are kept (default: a temporary folder)",
+    )
+    p.add_argument(
+        "--method",
+        default="ensemble",
+        help="how the declared model is trained on the flights' table",
+    )
+    p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
+    p.add_argument("--timeout", type=float, default=180.0, metavar="S")
+    p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
+    p.add_argument("--verbose", action="store_true", help="say which flights are being written")
+    add_option(p)
+    return p
+
+
+def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout: float) -> Row:
+    """``replay diagnose`` on one flight, judged."""
+    out = folder / f"{name}.answer.json"
+    out.unlink(missing_ok=True)
+    command = [
+        sys.executable, "-m", "replay", "diagnose", str(folder / f"{name}.tlog"),
+        "--vehicle", str(folder / f"{name}.toml"), "--model", str(model) if truth["model"] == "table" else "none",
+        "--json", str(out), "--quiet",
+    ]  # fmt: skip
+    begun = time.perf_counter()
+    try:
+        done = subprocess.run(
+            command, cwd=REPO, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, check=False,
+            preexec_fn=be_nice,
+        )  # fmt: skip
+        code = done.returncode
+        complaint = done.stderr.strip()
+    except subprocess.TimeoutExpired:
+        code = -1
+        complaint = f"no answer in {timeout:g} s"
+    seconds = time.perf_counter() - begun
+    answer = json.loads(out.read_text()) if code == 0 and out.exists() else None
+    verdict = judge(name, truth, answer, code)
+    if answer is None:
+        note = f"{verdict.note}: {complaint.splitlines()[-1] if complaint else 'silent'}"
+        crashed = "Traceback" in complaint
+        verdict = Judgement(
+            verdict.right and not crashed,
+            verdict.exact and not crashed,
+            (),
+            (),
+            note,
+            verdict.rms_ratio,
+        )
+    return Row(name, truth["group"], seconds, verdict, truth["size_of_weight"])
+
+
+def line(row: Row) -> str:
+    """One line of the table."""
+    j = row.judgement
+    mark = "ok " if j.exact else "ok~" if j.right else "BAD"
+    return f"{mark} {row.name:28s} {row.seconds:5.1f} s  rms/oracle {j.rms_ratio:5.2f}  {j.note}"
+
+
+def summary(rows: list[Row], *, held_out: bool) -> str:
+    """The figures, with Wilson 95 % intervals."""
+    by = {
+        g: [r.judgement for r in rows if r.group == g]
+        for g in ("null", "single", "pair", "unlisted", "bad")
+    }
+    effects = by["single"] + by["pair"]
+    visible = [
+        r.judgement for r in rows if r.group in ("single", "pair") and r.size_of_weight >= GOAL_SIZE
+    ]
+    ratios = [j.rms_ratio for j in effects if j.right and j.rms_ratio == j.rms_ratio]
+    blank = [j.rms_ratio for j in by["null"] if j.rms_ratio == j.rms_ratio]
+    times = [r.seconds for r in rows]
+    lines = [
+        f"{len(rows)} simulated flights, {'held-out' if held_out else 'open'} seeds",
+        f"named right (all effects, nothing else)   {share(j.right for j in effects)}",
+        f"  of these without an alias entry         {share(j.exact for j in effects)}",
+        f"  of {GOAL_SIZE:.0%} of the weight or more             {share(j.right for j in visible)}",
+        f"  single effects                          {share(j.right for j in by['single'])}",
+        f"  pairs                                   {share(j.right for j in by['pair'])}",
+        f"flights with a wrong name                 {share(bool(j.wrong_names) for j in effects)}",
+        f"flights with a missed effect              {share(bool(j.missed) for j in effects)}",
+        f"false alarms on nulls                     {share(not j.right for j in by['null'])}",
+        f"outside every catalogue, answered right   {share(j.right for j in by['unlisted'])}",
+        f"  given a wrong name                      {share(bool(j.wrong_names) for j in by['unlisted'])}",
+        f"bad input answered right                  {share(j.right for j in by['bad'])}",
+        f"RMS after <= 1.1 x oracle, where right    {share(r <= 1.1 for r in ratios)}",
+    ]
+    if ratios:
+        lines.append(f"  median ratio {statistics.median(ratios):.3f}, worst {max(ratios):.2f}")
+    if blank:
+        lines.append(
+            f"  the same ratio on nulls (should be 1): median {statistics.median(blank):.3f}"
+        )
+    if times:
+        lines.append(
+            f"run time: median {statistics.median(times):.1f} s, longest {max(times):.1f} s"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

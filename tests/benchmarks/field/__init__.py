@@ -1,0 +1,1 @@
+"""Logs of users, with the oddities of the field."""

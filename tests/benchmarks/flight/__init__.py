@@ -1,0 +1,1 @@
+"""Do offsets help a flight?"""

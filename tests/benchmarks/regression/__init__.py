@@ -1,0 +1,1 @@
+"""Did an answer change where only code was moved?"""

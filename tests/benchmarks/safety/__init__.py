@@ -1,0 +1,1 @@
+"""Does anything end in a contact, a crash or a hang?"""

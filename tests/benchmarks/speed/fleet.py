@@ -1,0 +1,188 @@
+"""A fleet's store: how long questions take, what a season costs, and that a killed run loses and repeats nothing.
+
+    python tests/benchmarks speed.fleet [--answers 10000] [--logs 24] [--result FILE]
+
+The answers of the store are made up: fifty vehicles, one size that varies from flight to flight, and on every fifth
+vehicle a step in the middle of its season. So what is found can be judged. The logs are short simulated hovers.
+Half-way through them the run is killed (SIGKILL), and begun again.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import command_line
+import numpy as np
+from log_writers import quad_flight, write_tlog
+from result_file import add_option, counted, figure, write_result
+
+from companion.vehicles import QUAD
+from replay.fleet.season import Season, season
+from replay.fleet.season_page import page
+from replay.fleet.store import NAME, Store
+
+VEHICLES = 50
+STEP_EVERY = 5
+STEP = 0.06
+SPREAD = 0.01
+"""Every fifth vehicle changes by six standard deviations of what flights differ by."""
+QUESTIONS = {
+    "verdicts": "SELECT verdict, count(*) FROM logs GROUP BY verdict",
+    "vehicles by effect": "SELECT effect, count(DISTINCT vehicle) FROM effects JOIN logs USING (sha256, question) "
+    "GROUP BY effect",
+    "one vehicle's thrust": "SELECT date, value, low, high FROM logs JOIN effects USING (sha256, question) "
+    "WHERE vehicle = 'board-7' AND effect = 'thrust_scale' ORDER BY date",
+    "logs that cannot be judged": "SELECT error, count(*) FROM logs WHERE error IS NOT NULL GROUP BY error",
+    "vehicles drifted since June": "SELECT vehicle, avg(value) FROM logs JOIN effects USING (sha256, question) "
+    "WHERE effect = 'thrust_scale' AND date >= '2026-06' GROUP BY vehicle HAVING abs(avg(value)) > 0.03",
+}
+
+
+def made_up(vehicle: int, flight: int, flights: int, rng: np.random.Generator) -> dict[str, Any]:
+    """The answer to one log."""
+    stepped = vehicle % STEP_EVERY == 0 and flight >= flights // 2
+    value = SPREAD * float(rng.standard_normal()) + (STEP if stepped else 0.0)
+    month, day = divmod(flight, 28)
+    answer: dict[str, Any] = {
+        "sha256": f"{vehicle:03d}-{flight:06d}",
+        "log": f"/archive/{vehicle}/{flight}.BIN",
+        "date": f"2026-{month % 12 + 1:02d}-{day + 1:02d}T08:00:00Z",
+        "date_from": "log",
+        "identity": {"vehicle": f"board-{vehicle}", "board": str(vehicle), "firmware": "made up", "frame": "quad-x"},
+        "verdict": "explained",
+        "duration_s": 300.0,
+        "axes": {"Fx": {}, "Fy": {}, "Fz": {}},
+        "version": "made up",
+        "wall_s": 3.0,
+        "effects": [],
+    }  # fmt: skip
+    size = {"value": value, "ci95": [value - 0.01, value + 0.01], "unit": "1"}
+    answer["effects"] = [
+        {
+            "name": "thrust_scale",
+            "parameters": {"scale": size},
+            "probability": 0.98,
+            "explains": 0.4,
+            "kept": True,
+        }
+    ]
+    if rng.random() < 0.02:
+        answer |= {"error": "no accelerometer", "effects": []}
+    return answer
+
+
+@contextmanager
+def timed(times: dict[str, float], name: str) -> Iterator[None]:
+    """Seconds of a block."""
+    start = time.perf_counter()
+    yield
+    times[name] = time.perf_counter() - start
+
+
+def fill(store: Store, answers: int) -> None:
+    """Made-up answers of all vehicles."""
+    rng = np.random.default_rng(0)
+    flights = answers // VEHICLES
+    for flight in range(flights):
+        for vehicle in range(VEHICLES):
+            store.add("made up", made_up(vehicle, flight, flights, rng))
+
+
+def judged(found: Season, flights: int) -> tuple[list[bool], list[bool]]:
+    """Of vehicles that changed: found within two flights of the change; of the others: no change told."""
+    right = []
+    silent = []
+    for v in found.vehicles:
+        number = int(v.vehicle.removeprefix("board-"))
+        if number % STEP_EVERY:
+            silent.append(not v.changed)
+            continue
+        since = [int(Path(c.change.since).stem) for c in v.changed if c.change is not None]
+        right.append(any(abs(s - flights // 2) <= 2 for s in since))
+    return right, silent
+
+
+def killed_and_begun_again(folder: Path, count: int) -> tuple[float, int, int]:
+    """Logs a minute, logs known when begun again, and answers at the end."""
+    logs = folder / "logs"
+    logs.mkdir()
+    for seed in range(count):
+        write_tlog(logs / f"{seed:04d}.tlog", quad_flight(15.0, seed=seed))
+    out = folder / "out"
+    command = [
+        sys.executable, "-m", "replay", "diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none",
+        "--out", str(out),
+    ]  # fmt: skip
+    start = time.monotonic()
+    process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE)
+    while process.poll() is None and len(list((out / "results").glob("*.json"))) < count // 2:
+        time.sleep(0.1)
+    half_s = time.monotonic() - start
+    done = len(list((out / "results").glob("*.json")))
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    again = subprocess.run(command, capture_output=True, text=True, check=True)
+    known = next(
+        (int(line.split(", ")[1].split()[0]) for line in again.stdout.splitlines() if "known from before" in line),
+        0,
+    )  # fmt: skip
+    with Store.open(out) as store:
+        answered = len(store.rows("SELECT * FROM logs"))
+    return 60.0 * done / half_s, known, answered
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Exit code 1 where something was lost or done twice."""
+    p = command_line.parser(__doc__)
+    p.add_argument("--answers", type=int, default=10_000)
+    p.add_argument("--logs", type=int, default=24)
+    add_option(p)
+    a = p.parse_args(argv)
+    times: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with Store.open(folder / NAME, make=True) as store:
+            with timed(times, "answers put into the store"):
+                fill(store, a.answers)
+            for text, question in QUESTIONS.items():
+                with timed(times, f"question: {text}"):
+                    store.rows(question)
+            with timed(times, "season"):
+                found = season(store)
+            with timed(times, "its page"):
+                size = len(page(found))
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        per_minute, known, answered = killed_and_begun_again(folder, a.logs)
+    right, silent = judged(found, a.answers // VEHICLES)
+    slowest = max(t for text, t in times.items() if text.startswith("question"))
+    figures = [
+        figure("slowest of five questions", f"{slowest:.2f} s", f"{a.answers} answers", "1 s", slowest <= 1.0),
+        figure("season and its page", f"{times['season'] + times['its page']:.2f} s",
+               f"{size / 1e6:.1f} MB", "2 s", times["season"] + times["its page"] <= 2.0),
+        figure("memory of all that", f"{peak:.0f} MiB"),
+        counted("vehicles that changed: found within two flights", right, least=0.9),
+        counted("vehicles that did not change: nothing told", silent, least=0.98),
+        figure("logs a minute, two processes", f"{per_minute:.0f}", "hovers of 15 s"),
+        figure("known after SIGKILL", f"{known}", f"of {a.logs // 2} or more", f"{a.logs // 2}", known >= a.logs // 2),
+        figure("answers at the end", f"{answered}", "", f"{a.logs}", answered == a.logs),
+    ]  # fmt: skip
+    for text, seconds in times.items():
+        print(f"{text}: {seconds:.3f} s")
+    for one in figures:
+        print(f"{one['what']}: {one['value']} {one.get('detail', '')}")
+    write_result(a, figures, seeds="made up, seed 0", simulated=True)
+    return 0 if answered == a.logs and known >= a.logs // 2 else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

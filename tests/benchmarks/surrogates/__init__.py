@@ -1,0 +1,1 @@
+"""Surrogates of a fan: their data, their training, their sigma."""
