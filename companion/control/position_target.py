@@ -80,7 +80,7 @@ class Target:
 
 def stay(yaw: float, t_s: float) -> Target:
     """Stop as soon as the limits allow, and stay there."""
-    return Target(_NOWHERE, _AT_REST, yaw, t_s)
+    return Target(position=_NOWHERE, velocity=_AT_REST, yaw=yaw, set_s=t_s)
 
 
 def read_target(
@@ -109,11 +109,11 @@ def read_target(
         heading = sample.yaw + (yaw if along_nose else 0.0)
     lasts = min(max(2.5 * (sample.t_s - old.set_s), _TARGET_AGE_S), _VELOCITY_AGE_S)
     return Target(
-        (north[0], east[0], down[0]),
-        (north[1], east[1], down[1]),
-        heading,
-        sample.t_s,
-        lasts,
+        position=(north[0], east[0], down[0]),
+        velocity=(north[1], east[1], down[1]),
+        yaw=heading,
+        set_s=sample.t_s,
+        lasts_s=lasts,
         has_both=_has_both(sample),
     )
 
@@ -237,7 +237,7 @@ def advance(
         to_go = _way(reference.position, place)
     speed = (north if free_n else 0.0, east if free_e else 0.0, down if free_d else 0.0)
     approach = _BRISK if target.has_both else _GENTLE
-    return _approached(reference, to_go, speed, limits, dt_s, lag_s, approach)
+    return _approached(reference, to_go, speed, limits, dt_s, lag_s, approach=approach)
 
 
 def _way(start: Vector3, end: Vector3) -> Vector3:
@@ -292,6 +292,7 @@ def _approached(
     limits: Limits,
     dt_s: float,
     lag_s: float,
+    *,
     approach: Approach,
 ) -> Reference:
     """A step of a motion limited in speed, acceleration and jerk that ends on the target without overshoot.
