@@ -48,22 +48,21 @@ class Approach(NamedTuple):
     closing_1_s: float
     """Speed per metre left, near the end."""
     jerk_m_s3: float
-    """Braking begins with half of it: the deceleration is at most a quarter [m/s^2]. The rest keeps the way from ending
-    too far."""
+    """Braking begins with half of it. The rest keeps the way from ending too far."""
 
     def brake(self, most: float) -> float:
         """The deceleration [m/s^2] that braking counts on, of ``most`` that the vehicle has."""
-        return min(0.75 * most, 0.25 * self.jerk_m_s3)
+        return min(0.75 * most, 0.5 * self.jerk_m_s3 / self.closing_1_s)
 
 
 _GENTLE = Approach(closing_1_s=2.0, jerk_m_s3=3.0)
 """0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
-_BRISK = Approach(closing_1_s=4.0, jerk_m_s3=6.0)
+_BRISK = Approach(closing_1_s=4.0, jerk_m_s3=8.0)
 """To a place that comes with its velocity: a target that moves, not a new place at every message. At 0.3 m/s it is
-trailed by 0.10 m in place of 0.21. Places alone, ten times a second, would shake the vehicle at this pace."""
+trailed by 0.12 m in place of 0.21. Places alone, ten times a second, would shake the vehicle at this pace."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Target:
     """What is asked for, NED: position [m], NaN in an axis that only a velocity moves; velocity [m/s]."""
 

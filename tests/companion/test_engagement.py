@@ -411,16 +411,25 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
     assert max(steps[:-300]) <= limits.acceleration_m_s2 * 1.05 + 0.05
 
 
+@pytest.mark.parametrize("has_both", [False, True])
 @pytest.mark.parametrize("acceleration", [0.5, 2.0, 4.0])
 @pytest.mark.parametrize("speed", [0.5, 1.5, 4.0])
 @pytest.mark.parametrize(
     ("way", "moving"), [(0.05, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.0), (8.0, 0.0)]
 )
-def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, moving, monkeypatch):
+def test_an_approach_neither_overshoots_nor_creeps(
+    acceleration, speed, way, moving, has_both, monkeypatch
+):
     """A centimetre too far is the wall's: the way ends on the target, and 5 cm are done in 1.2 s."""
     monkeypatch.setattr(position_target, "_FOLLOW_M", 0.0)
     limits = Limits(speed_m_s=speed, climb_m_s=speed, acceleration_m_s2=acceleration)
-    target = Target((way, 0.0, -way), (0.0, 0.0, 0.0), 0.0, 0.0)
+    target = Target(
+        position=(way, 0.0, -way),
+        velocity=(0.0, 0.0, 0.0),
+        yaw=0.0,
+        set_s=0.0,
+        has_both=has_both,
+    )
     reference = start_reference((0.0, 0.0, 0.0), (moving, 0.0, -moving), (0.0, 0.0, 0.0))
     gone = []
     for k in range(1, 1501):

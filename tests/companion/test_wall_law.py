@@ -138,13 +138,13 @@ def held(target: Target) -> Hold:
 
 def test_targets_end_at_the_least_distance_and_move_along_the_wall_as_asked():
     wall = WallPlane(1.0, 0.0, 1.0, 0.0)
-    near = held(Target((0.9, 2.0, -1.5), (0.3, 0.0, 0.0), 0.0, 0.0))
+    near = held(Target(position=(0.9, 2.0, -1.5), velocity=(0.3, 0.0, 0.0), yaw=0.0, set_s=0.0))
     assert sent_to_m(near, wall) == pytest.approx(0.1)
     kept = kept_off(near, wall, 0.3)
     assert kept.target.position == pytest.approx((0.7, 2.0, -1.5))
     assert kept.target.velocity == (0.0, 0.0, 0.0)
     assert kept_off(kept, wall, 0.3) is kept
-    far = held(Target((0.5, 2.0, -1.5), (0.0, 0.0, 0.0), 0.0, 0.0))
+    far = held(Target(position=(0.5, 2.0, -1.5), velocity=(0.0, 0.0, 0.0), yaw=0.0, set_s=0.0))
     assert kept_off(far, wall, 0.3) is far
 
 
@@ -156,9 +156,9 @@ def test_the_wall_stays_where_it_is_when_the_origin_moves():
 
 def test_a_velocity_into_the_wall_ends_at_the_least_distance_and_a_hold_inside_it_moves_out():
     wall = WallPlane(0.0, 1.0, 0.5, 0.0)
-    into = held(Target((math.nan,) * 3, (0.0, 1.0, 0.0), 0.0, 0.0))
+    into = held(Target(position=(math.nan,) * 3, velocity=(0.0, 1.0, 0.0), yaw=0.0, set_s=0.0))
     assert sent_to_m(kept_off(into, wall, 0.3), wall) == pytest.approx(0.3)
-    along = held(Target((math.nan,) * 3, (1.0, 0.0, 0.0), 0.0, 0.0))
+    along = held(Target(position=(math.nan,) * 3, velocity=(1.0, 0.0, 0.0), yaw=0.0, set_s=0.0))
     assert kept_off(along, wall, 0.3) is along
     inside = held(stay(0.0, 0.0))
     assert kept_off(inside, wall, 0.6).target.position[:2] == pytest.approx((0.0, -0.1))
