@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable
 
 from companion.config import Base, PipelineConfig
+from companion.control.wall_guard import level_wall
 from companion.flight.options import FlightOptions
 from companion.flight.outbox import Outbox
 from companion.flight.timers import Timers
 from companion.last_word import LastWord
 from companion.mavlink import AUTOPILOT_COMPONENT
-from companion.mavlink.firmware import mode_name, takes_setpoints
+from companion.mavlink.firmware import Stack, mode_name, stack_of, takes_setpoints
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
@@ -23,6 +24,9 @@ from companion.state.pipeline_state import PipelineState
 
 _LASTS_S = 1.0
 """For so long the autopilot is sent the place to stay at: PX4's controller has settled before the stream ends."""
+_LASTS_BESIDE_A_WALL_S = 6.0
+"""Until PX4's integral balances the wall's pull: MPC_XY_VEL_P_ACC / MPC_XY_VEL_I_ACC is 4.5 s. Without that it sags
+towards the wall, where the pull is larger, as soon as the stream ends. ArduPilot keeps the place that it was sent."""
 _PERIOD_S = 0.05
 """As often as attitudes bring setpoints, or a little less."""
 _LAST_WORD_PERIOD_S = 0.1
@@ -48,6 +52,15 @@ def place_to_stay(state: PipelineState, config: PipelineConfig) -> PositionComma
     return PositionCommand(
         state.t_s, hand_over_place(state, state.held.hold), state.held.hold.target.yaw
     )
+
+
+def _lasts_s(state: PipelineState) -> float:
+    """How long the autopilot is sent the place to stay at."""
+    heartbeat = state.heard.heartbeat
+    px4 = stack_of(heartbeat) is Stack.PX4
+    if px4 and level_wall(state.air.disturbance) is not None:
+        return _LASTS_BESIDE_A_WALL_S
+    return _LASTS_S
 
 
 class HandOver:
@@ -121,13 +134,14 @@ class HandOver:
         if not holds(state, self._config):
             return
         command: Command = place_to_stay(state, self._config) or level_command(state, self._config)
+        lasts_s = _lasts_s(state)
         start = self._arrivals.now_s()
         while True:
             now = self._arrivals.now_s()
             alive(now)
             self.renew(now, state)
             self._outbox.command(command)
-            if now - start >= _LASTS_S:
+            if now - start >= lasts_s:
                 return
             self._arrivals.clock.wait([], _PERIOD_S)
             for arrival_us, frame in self._link.drain():
