@@ -54,7 +54,7 @@ def place_to_stay(state: PipelineState, config: PipelineConfig) -> PositionComma
     )
 
 
-def _lasts_s(state: PipelineState) -> float:
+def hand_over_lasts_s(state: PipelineState) -> float:
     """How long the autopilot is sent the place to stay at."""
     heartbeat = state.heard.heartbeat
     px4 = stack_of(heartbeat) is Stack.PX4
@@ -134,7 +134,7 @@ class HandOver:
         if not holds(state, self._config):
             return
         command: Command = place_to_stay(state, self._config) or level_command(state, self._config)
-        lasts_s = _lasts_s(state)
+        lasts_s = hand_over_lasts_s(state)
         start = self._arrivals.now_s()
         while True:
             now = self._arrivals.now_s()

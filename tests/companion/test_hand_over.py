@@ -12,13 +12,17 @@ import time
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 from flight_process import flight_command
+from flying import Bench
 from paced_flight import PacedFlight
 from patience import HANG_S
 
 from companion.control.hand_over import held_off
+from companion.flight.hand_over import hand_over_lasts_s
 from companion.last_word import LastWord
 from companion.mavlink.link import Arrivals, open_link
 from models.common.errors import LinkError
+
+ARDUPILOT, PX4 = 3, 12
 
 
 def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
@@ -35,6 +39,17 @@ def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
     assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176], (
         "the mode is not ours"
     )
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "wall_m", "lasts_s"), [(PX4, 0.5, 6.0), (PX4, 50.0, 1.0), (ARDUPILOT, 0.5, 1.0)]
+)
+def test_px4_beside_a_wall_is_told_the_place_until_its_trim_balances_the_pull(
+    autopilot, wall_m, lasts_s
+):
+    beside = Bench(autopilot=autopilot, wall=wall_m, mode=0)
+    beside.run(2.0)
+    assert hand_over_lasts_s(beside.state) == lasts_s
 
 
 def test_parameters_are_asked_for_as_long_as_they_are_missing(monkeypatch):
