@@ -18,6 +18,10 @@ from replay.search.thresholds import (
 
 KNOTS = 7
 """Of a curve: so many evenly over the channel's range, and as many on its quantiles."""
+PLACE = ("north_m", "east_m", "down_m")
+MOST_KNOTS = 32
+"""Channels that say where the vehicle is, and even knots over them at most. A force that stays at a place has
+two of them for the length of an arm: over less than that the rotors take the mean."""
 LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
 SAME_SENSOR = dict(
@@ -27,9 +31,9 @@ SAME_SENSOR = dict(
 LEANS = {"pitch_rad": "Fx", "roll_rad": "Fy"}
 """Angles by which a vehicle that holds its place leans against a force, and its axis: they follow every such force."""
 REACTIONS = {
-    "Fx": ("vn_", "ve_", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
-    "Fy": ("vn_", "ve_", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
-    "Fz": ("vd_", "servo", "rpm", "thrust", "battery_current", "az_"),
+    "Fx": ("vn_", "ve_", "roll", "q_", "ay_", "az_", "servo", "rpm", "thrust", "battery_current"),
+    "Fy": ("vn_", "ve_", "pitch", "p_", "ax_", "az_", "servo", "rpm", "thrust", "battery_current"),
+    "Fz": ("vd_", "ax_", "ay_", "servo", "rpm", "thrust", "battery_current"),
     "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
@@ -111,7 +115,7 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     if turned:
         smooth = _of_heading
     else:
-        smooth = _of_range(known)
+        smooth = _of_range(known, _even(known, name, records))
     if smooth is None:
         return None
     return tuple(
@@ -124,7 +128,15 @@ def _of_heading(yaw: Array) -> Array:
     return np.stack([f(m * yaw) for m in (1, 2) for f in (np.sin, np.cos)], axis=1)
 
 
-def _of_range(known: Array) -> Callable[[Array], Array] | None:
+def _even(known: Array, name: str, records: Sequence[Record]) -> int:
+    """How many knots stand evenly over a channel's range."""
+    if name not in PLACE:
+        return KNOTS
+    reach = max(r.context.lever for r in records)
+    return int(np.clip(2.0 * np.ptp(known) / reach, KNOTS, MOST_KNOTS))
+
+
+def _of_range(known: Array, even: int) -> Callable[[Array], Array] | None:
     """Curves H L (n, k) over the channel whose values are ``known``; None where it is constant.
 
     H interpolates between knots x, L L^T = K, K_ij = exp(-|x_i - x_j| / l): a Gaussian process with the
@@ -135,7 +147,7 @@ def _of_range(known: Array) -> Callable[[Array], Array] | None:
         return None
     at = np.unique(
         np.concatenate(
-            [np.linspace(low, high, KNOTS), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]
+            [np.linspace(low, high, even), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]
         )
     )
     at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]
