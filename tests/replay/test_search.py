@@ -496,6 +496,15 @@ def test_a_force_that_waves_over_the_place_is_found_there(quiet: Record) -> None
     assert carrier.score > 0.5
 
 
+def test_lift_that_the_wind_gives_is_no_scale_of_the_thrust(quiet: Record) -> None:
+    """Air that moves across the discs lifts them all the time."""
+    windy = added(quiet, "wind", (0.0,), 4.0, -2.0, 0.7, 0.0, 0.0, 0.04)
+    answer = search(windy, some("wind", "thrust_scale", "payload"))
+    assert names(answer) == {"wind"}
+    low, _, high = estimate(answer, "wind", "lift")
+    assert low < 0.04 < high
+
+
 def test_a_wall_that_takes_lift_is_no_corner(quiet: Record) -> None:
     walled = added(quiet, "wall_effect", (1.1,), 0.1, 0.2, -0.08)
     answer = search(walled, some("wall_effect", "corner_effect", "ground_effect"))
