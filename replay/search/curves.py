@@ -24,18 +24,18 @@ MOST_KNOTS = 32
 two of them for the length of an arm: over less than that the rotors take the mean."""
 LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
-SAME_SENSOR = dict(
-    zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True)
-)
+FELT = ("ax_m_s2", "ay_m_s2", "az_m_s2")
+"""Channels of the accelerometer: what it reads is force, and causes none."""
+SAME_SENSOR = {"p_rad_s": "Mx", "q_rad_s": "My", "r_rad_s": "Mz"}
 """Channels whose own noise is in the residual of an axis, and that axis."""
 LEANS = {"pitch_rad": "Fx", "roll_rad": "Fy"}
 """Angles by which a vehicle that holds its place leans against a force, and its axis: they follow every such force."""
 REACTIONS = {
-    "Fx": ("vn_", "ve_", "roll", "q_", "ay_", "az_", "servo", "rpm", "thrust", "battery_current"),
-    "Fy": ("vn_", "ve_", "pitch", "p_", "ax_", "az_", "servo", "rpm", "thrust", "battery_current"),
-    "Fz": ("vd_", "ax_", "ay_", "servo", "rpm", "thrust", "battery_current"),
-    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
-    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "Fx": ("vn_", "ve_", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
+    "Fy": ("vn_", "ve_", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
+    "Fz": ("vd_", "servo", "rpm", "thrust", "battery_current"),
+    "Mx": ("roll", "pitch", "p_", "q_", "r_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "My": ("pitch", "roll", "p_", "q_", "r_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
 }
 """Channels that respond to a disturbance of that axis within the loop, and vary with its noise.
@@ -73,7 +73,7 @@ class Curve:
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
     """Every curve that may stand for an unknown force."""
     for name in dict.fromkeys(name for r in records for name in r.channels):
-        if name == "time_s" and len(records) > 1:
+        if name in FELT or (name == "time_s" and len(records) > 1):
             continue
         bases = _bases(records, name)
         for axis in sorted({a for r in records for a in r.axes}):

@@ -16,7 +16,7 @@ from diagnose_noise import coloured, noise_record
 from patience import HANG_S
 
 import replay.search
-from models.common.frames import AXES, Array
+from models.common.frames import Array
 from models.effects import Effect, adopted_wrench, catalogue, get
 from models.vehicle import Throttle
 from replay.diagnosis.diagnose import conclude
@@ -32,7 +32,6 @@ from replay.search.remainder import outside
 from replay.search.results import Found, Searched, summarise
 from replay.search.significance import Contributions, tops
 from replay.search.terms import Term
-from replay.search.thresholds import REACTION_ODDS
 from replay.search.walk import walk
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
@@ -478,10 +477,9 @@ def test_a_channel_that_carries_next_to_nothing_is_not_reported(
 
 def test_what_an_accelerometer_reads_causes_no_force(quiet: Record) -> None:
     """It reads drag and the pull of a wall, with which lift changes, too."""
-    forces = {AXES.index(axis) for axis in ("Fx", "Fy", "Fz")}
-    read = {f"a{axis}_m_s2" for axis in "xyz"}
-    odds = {c.odds for c in curves([quiet]) if c.name in read and c.axis in forces}
-    assert odds == {REACTION_ODDS}
+    over = {c.name for c in curves([quiet])}
+    assert "pitch_rad" in over
+    assert not {f"a{axis}_m_s2" for axis in "xyz"} & over
 
 
 @pytest.mark.slow
