@@ -20,9 +20,9 @@ from models.effects.pictures import more, nearest, over
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
-KNOWN_TO = 0.0025
-"""Standard deviation of ``at_reference``, as of any declared thrust that has no name: a level that is further off is a
-load, or a thrust that is declared wrong, whatever the pack does."""
+KNOWN_TO = 0.01
+"""Standard deviation of ``at_reference``: a voltage is measured to half a percent, and thrust goes with its square. A
+level that is further off is a load, or a thrust that is declared wrong, whatever the pack does."""
 ANSWERED = 0.003
 """Standard deviation of ``ohmic`` where the thrust only answers disturbances."""
 SLOW_S = 1.0

@@ -18,9 +18,9 @@ from models.effects.pictures import more, nearest, over
 from models.effects.shown import Shown
 
 STEP_C = 30.0
-KNOWN_TO = 0.0025
-"""Standard deviation of ``start``, as of any declared thrust that has no name: a level that is further off is a load,
-or a thrust that is declared wrong, however warm the motors are."""
+KNOWN_TO = 0.01
+"""Standard deviation of ``start``: the thrust was declared at a temperature known to 10 K, of a slope of 3 % in 30 K. A
+level that is further off is a load, or a thrust that is declared wrong, however warm the motors are."""
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
