@@ -20,6 +20,9 @@ from models.effects.pictures import more, nearest, over
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
+KNOWN_TO = 0.01
+"""Standard deviation of ``at_reference``: a voltage is measured to half a percent, and thrust goes with its square. A
+level that is further off is a load, or a thrust that is declared wrong, whatever the pack does."""
 ANSWERED = 0.003
 """Standard deviation of ``ohmic`` where the thrust only answers disturbances."""
 SLOW_S = 1.0
@@ -82,7 +85,7 @@ EFFECT = Effect(
             unit="1",
             low=-0.3,
             high=0.3,
-            typical=0.08,
+            typical=KNOWN_TO,
             belongs_to=BelongsTo.LOAD,
         ),
         Coefficient(name="ohmic", unit="1", low=-0.2, high=0.8, typical=_ohmic, optional=True),
@@ -92,9 +95,8 @@ EFFECT = Effect(
     shapes=(Shape(name="reference_v", unit="V", continuous=False),),
     grid=_grid,
     lacking=_lacking,
-    # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
-    contains=("thrust_scale",),
     search=SearchHints(
+        # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
         chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
     ),
     aliases=("thermal_derating", "thrust_scale"),

@@ -80,6 +80,11 @@ def over_surfaces(ctx: Context, axis: str) -> Drawn:
     """Lift over the height, all else over the distance to the wall."""
     if axis == "Fz":
         return over_height(ctx, axis)
+    return over_first_wall(ctx, axis)
+
+
+def over_first_wall(ctx: Context, axis: str) -> Drawn:
+    """Over the distance to the wall."""
     return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
 
 

@@ -18,6 +18,9 @@ from models.effects.pictures import more, nearest, over
 from models.effects.shown import Shown
 
 STEP_C = 30.0
+KNOWN_TO = 0.01
+"""Standard deviation of ``start``: the thrust was declared at a temperature known to 10 K, of a slope of 3 % in 30 K. A
+level that is further off is a load, or a thrust that is declared wrong, however warm the motors are."""
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -55,7 +58,7 @@ EFFECT = Effect(
     coefficients=(
         Coefficient(name="slope", unit="1", low=-0.2, high=0.0, typical=0.03),
         Coefficient(
-            name="start", unit="1", low=-0.3, high=0.3, typical=0.05, belongs_to=BelongsTo.LOAD
+            name="start", unit="1", low=-0.3, high=0.3, typical=KNOWN_TO, belongs_to=BelongsTo.LOAD
         ),
     ),
     main=("slope",),
@@ -63,7 +66,6 @@ EFFECT = Effect(
     shapes=(Shape(name="reference_c", unit="degC", continuous=False),),
     grid=_grid,
     lacking=_lacking,
-    contains=("thrust_scale",),
     aliases=("battery_sag",),
     shown=Shown(
         lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis), _words

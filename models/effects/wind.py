@@ -2,7 +2,7 @@
 
 Valid: speeds well below the induced velocity.
 Source: momentum drag of a lifting disc: Pflimlin, Binetti, Soueres, Hamel & Trouchet 2010, Control Engineering Practice
-18(3), 209.
+18(3), 209. Lift that air across the disc gives: Glauert 1926, ARC R&M 1026; Leishman 2006, ch. 2.14.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     rotation = ctx.state.rotation
     flow = ctx.mass_flow
     north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
-    return north, east, *ctx.own_drag(above)
+    return north, east, *ctx.own_drag(above), ctx.rotor_force
 
 
 def _drag(ctx: Context, p: Mapping[str, Array]) -> Array:
@@ -107,9 +107,10 @@ EFFECT = Effect(
     name="wind",
     belongs_to=BelongsTo.WEATHER,
     equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above "
-    "the fans' references",
-    sign="north, east > 0: the air moves to the north, east, with the speed w / k",
-    axes=("Fx", "Fy", "Mx", "My"),
+    "the fans' references; dF_z = l F_rotors",
+    sign="north, east > 0: the air moves to the north, east, with the speed w / k; lift > 0: air "
+    "across the discs gives lift",
+    axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
     coefficients=(
@@ -135,6 +136,7 @@ EFFECT = Effect(
             optional=True,
             belongs_to=BelongsTo.VEHICLE,
         ),
+        Coefficient(name="lift", unit="1", low=0.0, high=0.15, typical=0.02, optional=True),
     ),
     wrenches=_wrenches,
     shapes=(

@@ -80,7 +80,7 @@ def exchanged_fans(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFa
     most = int(ANSWER_S * rate)
     fit = {
         o: min(
-            _correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most).max()
+            _answered(_correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most))
             for a in (0, 1)
         )
         for o in orders
@@ -116,6 +116,17 @@ def exchanged_spins(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogF
             f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})",
         )
     ]
+
+
+def _answered(found: Array) -> float:
+    """The largest of correlations by delay; 0 where that is the longest: an answer to a moment has passed by then.
+
+    What still grows is the control loop, which opposes what turned the vehicle before.
+    """
+    at = int(found.argmax())
+    if at == len(found) - 1:
+        return 0.0
+    return float(found[at])
 
 
 def _moments(thrust: Array, places: Array, order: Order) -> Array:

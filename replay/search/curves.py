@@ -18,20 +18,24 @@ from replay.search.thresholds import (
 
 KNOTS = 7
 """Of a curve: so many evenly over the channel's range, and as many on its quantiles."""
+PLACE = ("north_m", "east_m", "down_m")
+MOST_KNOTS = 32
+"""Channels that say where the vehicle is, and even knots over them at most. A force that stays at a place has
+two of them for the length of an arm: over less than that the rotors take the mean."""
 LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
-SAME_SENSOR = dict(
-    zip(("ax_m_s2", "ay_m_s2", "az_m_s2", "p_rad_s", "q_rad_s", "r_rad_s"), AXES, strict=True)
-)
+FELT = ("ax_m_s2", "ay_m_s2", "az_m_s2")
+"""Channels of the accelerometer: what it reads is force, and causes none."""
+SAME_SENSOR = {"p_rad_s": "Mx", "q_rad_s": "My", "r_rad_s": "Mz"}
 """Channels whose own noise is in the residual of an axis, and that axis."""
 LEANS = {"pitch_rad": "Fx", "roll_rad": "Fy"}
 """Angles by which a vehicle that holds its place leans against a force, and its axis: they follow every such force."""
 REACTIONS = {
     "Fx": ("vn_", "ve_", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
     "Fy": ("vn_", "ve_", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
-    "Fz": ("vd_", "servo", "rpm", "thrust", "battery_current", "az_"),
-    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
-    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "Fz": ("vd_", "servo", "rpm", "thrust", "battery_current"),
+    "Mx": ("roll", "pitch", "p_", "q_", "r_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "My": ("pitch", "roll", "p_", "q_", "r_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
 }
 """Channels that respond to a disturbance of that axis within the loop, and vary with its noise.
@@ -69,15 +73,14 @@ class Curve:
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
     """Every curve that may stand for an unknown force."""
     for name in dict.fromkeys(name for r in records for name in r.channels):
-        if name == "time_s" and len(records) > 1:
+        if name in FELT or (name == "time_s" and len(records) > 1):
             continue
-        basis = _basis(records, name)
-        if basis is None:
-            continue
+        bases = _bases(records, name)
         for axis in sorted({a for r in records for a in r.axes}):
             odds = _odds(name, AXES[axis], records)
             if odds is not None:
-                yield Curve(name, axis, basis, odds)
+                for basis in bases:
+                    yield Curve(name, axis, basis, odds / len(bases))
 
 
 def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
@@ -96,27 +99,35 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     return ODDS
 
 
-def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | None:
-    """Smooth curves over the channel's range (n, k) a flight, less their mean; None where it does not vary."""
+def _bases(records: Sequence[Record], name: str) -> list[tuple[Array | None, ...]]:
+    """Smooth curves over the channel's range (n, k) a flight, less their mean, of every spacing of their knots."""
     values = [r.channels.get(name) for r in records]
     known = np.concatenate(
         [v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None]
     )
     if len(known) < FEWEST:
-        return None
-    turned = name == "yaw_rad" and np.ptp(np.unwrap(known)) >= LEAST_TURN_RAD
-    if name == "yaw_rad" and not turned:
-        return None
-    smooth: Callable[[Array], Array] | None
-    if turned:
-        smooth = _of_heading
-    else:
-        smooth = _of_range(known)
-    if smooth is None:
-        return None
-    return tuple(
-        None if v is None else _centred(smooth(v), r) for v, r in zip(values, records, strict=True)
-    )
+        return []
+    low, high = np.quantile(known, [0.01, 0.99])
+    smooths: list[Callable[[Array], Array]] = []
+    if name != "yaw_rad" and high - low >= 1e-9:
+        smooths = [_of_range(known, even) for even in _knots(high - low, name, records)]
+    elif name == "yaw_rad" and np.ptp(np.unwrap(known)) >= LEAST_TURN_RAD:
+        smooths = [_of_heading]
+    return [_of_flights(smooth, records, name) for smooth in smooths]
+
+
+def _of_flights(
+    smooth: Callable[[Array], Array], records: Sequence[Record], name: str
+) -> tuple[Array | None, ...]:
+    """A curve over a channel on every flight; None where a flight lacks it."""
+    out: list[Array | None] = []
+    for record in records:
+        values = record.channels.get(name)
+        if values is None:
+            out.append(None)
+        else:
+            out.append(_centred(smooth(values), record))
+    return tuple(out)
 
 
 def _of_heading(yaw: Array) -> Array:
@@ -124,18 +135,24 @@ def _of_heading(yaw: Array) -> Array:
     return np.stack([f(m * yaw) for m in (1, 2) for f in (np.sin, np.cos)], axis=1)
 
 
-def _of_range(known: Array) -> Callable[[Array], Array] | None:
-    """Curves H L (n, k) over the channel whose values are ``known``; None where it is constant.
+def _knots(reach: float, name: str, records: Sequence[Record]) -> list[int]:
+    """How many knots stand evenly over a range: few, and over the place as many as the vehicle tells apart, too."""
+    if name not in PLACE:
+        return [KNOTS]
+    arm = max(r.context.lever for r in records)
+    return sorted({KNOTS, int(np.clip(2.0 * reach / arm, KNOTS, MOST_KNOTS))})
+
+
+def _of_range(known: Array, even: int) -> Callable[[Array], Array]:
+    """Curves H L (n, k) over the channel whose values are ``known``, with ``even`` knots evenly over their range.
 
     H interpolates between knots x, L L^T = K, K_ij = exp(-|x_i - x_j| / l): a Gaussian process with the
     Ornstein-Uhlenbeck kernel (Rasmussen & Williams 2006, ch. 4).
     """
     low, high = np.quantile(known, [0.01, 0.99])
-    if high - low < 1e-9:
-        return None
     at = np.unique(
         np.concatenate(
-            [np.linspace(low, high, KNOTS), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]
+            [np.linspace(low, high, even), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]
         )
     )
     at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]

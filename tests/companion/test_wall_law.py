@@ -66,7 +66,9 @@ def test_without_a_model_a_pull_as_around_the_papers_robot_is_assumed():
 
 def test_an_adopted_wall_effect_counts():
     tandem = config("tandem").vehicle
-    effect = AdoptedEffect("wall_effect", {"pull": 0.3, "tilt": 0.0, "length_radii": 1.0})
+    effect = AdoptedEffect(
+        "wall_effect", {"pull": 0.3, "tilt": 0.0, "lift": 0.0, "length_radii": 1.0}
+    )
     bare = replace(config("tandem"), model=empty_model(tandem))
     amended = replace(bare, model=bare.model.with_effects([effect]))
     lips = hovering(amended, math.inf)

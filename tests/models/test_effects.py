@@ -300,6 +300,8 @@ def test_an_unknown_name_is_refused() -> None:
 def test_a_model_directory_may_lack_an_optional_parameter() -> None:
     known = {"power": 2.0, "at_reference": 0.0, "reference_v": 16.0}
     assert adopted("battery_sag", known).parameters == known | {"ohmic": 0.0}
+    pulled = {"pull": 0.1, "tilt": 0.1, "length_radii": 1.0}
+    assert adopted("wall_effect", pulled).parameters == pulled | {"lift": 0.0}
     still_air = {"turning": 0.0, "north": 0.0, "east": 0.0, "level": 0.0}
     assert adopted("vertical_inflow", {"slope": 4.0}).parameters == {"slope": 4.0} | still_air
     with pytest.raises(ModelError, match="lacks parameter 'power'"):

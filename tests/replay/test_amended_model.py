@@ -21,6 +21,7 @@ WIND = {
     "own_motion": 0.4,
     "turning": 0.0,
     "sinking": 0.1,
+    "lift": 0.0,
     "above_radii": 0.5,
 }
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
@@ -53,7 +54,8 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
     of_day = model.info["of_day"]
-    assert of_day["wind"] == {"spread": {"north": 4.0, "east": 4.0}, "shape": {"above_radii": 0.5}}
+    spread = {"north": 4.0, "east": 4.0, "lift": 0.02}
+    assert of_day["wind"] == {"spread": spread, "shape": {"above_radii": 0.5}}
     assert of_day["payload"]["spread"]["mass"] == pytest.approx(0.15 * default_vehicle().mass_kg)
     assert known_day(model)["payload"] == {}
 

@@ -86,6 +86,7 @@ def test_a_wind_is_said_by_its_speed_and_the_force_that_it_makes(quiet: Record) 
         "own_motion": 0.1,
         "turning": 0.0,
         "sinking": 0.3,
+        "lift": 0.0,
         "above_radii": 0.5,
     }
     force = np.abs(wind.regressors(context, (0.5,))[..., :2, 0]).max() * 0.8

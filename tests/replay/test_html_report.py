@@ -213,7 +213,7 @@ def test_the_direction_of_a_picture_is_the_one_that_its_label_says(rich: Context
     )
     ahead = replace(rich, state=replace(rich.state, wall_bearing_rad=np.zeros(len(rich.state))))
     wall = get("wall_effect")
-    p = {"pull": 0.1, "tilt": 0.1, "length_radii": 1.0}
+    p = {"pull": 0.1, "tilt": 0.1, "lift": 0.0, "length_radii": 1.0}
     for ctx in (right, ahead):
         wrench = wall.wrench(ctx, p)
         for axis in ("Fx", "Mx"):

@@ -8,11 +8,16 @@ from shares import share
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-def truth(lag=0.0, payload_moment=0.0, group="single", **sizes):
+def truth(lag=0.0, payload_moment=0.0, group="single", largest=None, **sizes):
     return {
-        "sizes": sizes, "lag_beyond_delay": lag, "payload_moment": payload_moment, "weight_n": 10.0, "arm_m": 0.5,
+        "sizes": sizes,
+        "largest": largest or sizes,
+        "lag_beyond_delay": lag,
+        "payload_moment": payload_moment,
+        "weight_n": 10.0,
+        "arm_m": 0.5,
         "group": group,
-    }  # fmt: skip
+    }
 
 
 def answer(*names, verdict="explained", aliases=(), explains=0.5, before=0.5, **more):
@@ -37,6 +42,18 @@ def test_needed_effects_are_to_be_named_and_small_ones_may():
     missed = judge(flight, answer(verdict="unexplained"))
     assert missed.missed == ("wind",)
     assert not missed.right
+
+
+def test_what_acts_for_a_moment_may_be_named_though_no_percentile_has_it():
+    brief = truth(wind=0.05, contact=0.0, largest={"contact": 0.1})
+    assert judge(brief, answer("wind", "contact", explains=0.01)).right
+    assert judge(truth(wind=0.05, contact=0.0), answer("wind", "contact")).wrong == ("contact",)
+
+
+def test_a_part_of_a_law_may_be_named_where_the_law_acts():
+    flight = truth(vertical_inflow=0.015, gyroscopic=0.01)
+    assert judge(flight, answer("momentum_thrust", "rotor_inertia", explains=0.1)).right
+    assert judge(truth(wind=0.05), answer("wind", "rotor_inertia")).wrong == ("rotor_inertia",)
 
 
 def test_a_small_effect_in_a_large_size_is_wrong():

@@ -24,7 +24,7 @@ from independent.airframes import (
 from independent.cases import HELD_OUT, VEHICLES, cases
 from independent.conditions import DRAWS, Conditions, healthy, stacked
 from independent.controller import motor_tau
-from independent.explain import explain, low_pass, sizes
+from independent.explain import explain, low_pass, sizes, thinned
 from independent.flight import DT, Flight, Sortie
 from independent.script import Target, reference
 from independent.sensors import sense
@@ -280,6 +280,15 @@ def test_the_parts_add_up_to_what_sensors_and_model_differ_by(flown):
         rest = low_pass(parts.parts["rest"])
         assert np.sqrt((rest[:3] ** 2).mean()) < 0.005 * weight
         assert np.sqrt((rest[3:] ** 2).mean()) < 0.005 * weight * LIFTER.arm_m
+
+
+@pytest.mark.slow
+def test_turning_is_damped_by_the_blades_with_hardly_a_force(flown):
+    _, track, parts = flown["null"]
+    damping = parts.parts["rate_damping"]
+    rates = thinned(track).rates
+    assert ((damping[3:5] * rates[:2]).sum(axis=1) < 0.0).all()
+    assert np.abs(damping[:3]).max() < 0.001 * LIFTER.mass_kg * G
 
 
 @pytest.mark.slow

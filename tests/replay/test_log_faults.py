@@ -18,7 +18,7 @@ from replay.diagnosis.diagnose import conclude
 from replay.diagnosis.model_faults import model_faults
 from replay.flightlog import FlightLog, LogFault, Series
 from replay.residual.record import build_record
-from replay.residual.vehicle_faults import exchanged_spins
+from replay.residual.vehicle_faults import exchanged_fans, exchanged_spins
 
 QUADROTOR = load_vehicle(QUAD)
 FORCES, ALL = (0, 1, 2), (0, 1, 2, 3, 4, 5)
@@ -417,6 +417,26 @@ def test_a_range_that_holds_still_with_the_vehicle_is_no_fault(flown):
         log, beams=(replace(beam, distance=still, verdicts=(RangeVerdict.OK,) * len(still)),)
     )
     assert build_record(held, QUADROTOR, None).faults == ()
+
+
+def test_roll_that_the_loop_opposes_is_no_mirrored_fan():
+    """Something rocks the vehicle, and the rotors hold against it: they oppose what turned it some time before."""
+    t = np.arange(6000) / 100.0
+    swing = 2.0 * np.pi * 1.1
+    flicker = 2.0 * np.pi * 3.0
+
+    def found(delay_s: float) -> list[LogFault]:
+        roll = -0.3 * np.cos(swing * (t + delay_s))
+        pitch = 0.3 * np.cos(flicker * (t + 0.02))
+        places = np.array([fan.position_m for fan in QUADROTOR.fans])
+        lift = np.outer(roll, -places[:, 1]) + np.outer(pitch, places[:, 0])
+        ctx = SimpleNamespace(vehicle=QUADROTOR, thrust=10.0 + lift, weight=30.0, lever=0.3)
+        turned = (np.sin(swing * t), np.sin(flicker * t) * swing / flicker, np.zeros_like(t))
+        motion = SimpleNamespace(grid=SimpleNamespace(rate=100.0), gyro=np.stack(turned, axis=1))
+        return exchanged_fans(ctx, motion, np.ones(len(t), bool))
+
+    assert len(found(0.05)) == 1
+    assert found(0.25) == []
 
 
 def test_yaw_that_the_loop_opposes_is_no_exchanged_spin():

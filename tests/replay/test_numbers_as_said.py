@@ -123,6 +123,7 @@ def test_a_wind_beside_a_model_that_has_the_drag_is_the_same_speed(quiet: Record
         "own_motion": 0.0,
         "turning": 0.0,
         "sinking": 0.0,
+        "lift": 0.0,
         "above_radii": 0.0,
     }
     assert get("wind").said(context, force)["north"] == pytest.approx(3.0)
@@ -379,6 +380,7 @@ def test_what_is_the_vehicles_of_a_wind_stays_as_drag_and_flies_the_same_force(
         "own_motion": 0.4,
         "turning": 0.3,
         "sinking": 0.1,
+        "lift": 0.0,
         "above_radii": 0.5,
     }
     wind = AdoptedEffect("wind", found, ("My",))

@@ -21,7 +21,7 @@ from replay.predict.predict import LEARNING_S, Prediction, predict, predicted
 from replay.residual.record import Record
 
 SCALE = AdoptedEffect("thrust_scale", {"scale": 0.05})
-DRAG = AdoptedEffect("wind", {"north": 0.0, "east": 0.0, "own_motion": 0.5, "turning": 0.0, "sinking": 0.0,
+DRAG = AdoptedEffect("wind", {"north": 0.0, "east": 0.0, "own_motion": 0.5, "turning": 0.0, "sinking": 0.0, "lift": 0.0,
                               "above_radii": 0.5})  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 ``docs/lab/independent-simulator.md`` says what was corrected after answers were seen.
 
 An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
-is there but smaller may be named, in its own size. What is not there (less than 0.1 %) may not.
+is there but smaller may be named, in its own size. What is not there (less than 0.1 %, and never 2 %) may not.
 """
 
 from __future__ import annotations
@@ -46,14 +46,25 @@ ALIKE: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"ground_effect", "range_offset"}), "both change lift near the ground only"),
     (frozenset({"contact", "wall_effect"}), "both act at the wall only"),
     (frozenset({"second_wall", "wall_effect"}), "the same law at two walls that meet"),
+    (
+        frozenset({"gyroscopic", "rotor_inertia"}),
+        "the flywheel as a whole, and what of it follows from the rotors alone",
+    ),
+    (
+        frozenset({"momentum_thrust", "vertical_inflow"}),
+        "one law of the induced flow, whole and for slow motion",
+    ),
 )
 """Names that one flight may not tell apart: one stands for the other if the answer's ``aliases`` says both."""
 
 CONTAINS: dict[str, tuple[str, ...]] = {
     "slung_load": ("payload",),
     "wind": ("vertical_inflow", "rotor_drag"),
+    "gyroscopic": ("rotor_inertia",),
+    "vertical_inflow": ("momentum_thrust",),
 }
-"""Names that a true effect contains: the weight of what hangs, the wind's part along the rotors' axes."""
+"""Names that a true effect contains: the weight of what hangs, the wind's part along the rotors' axes, the reaction of
+rotors that speed up, lift that is gained in level flight."""
 
 ALWAYS = frozenset({"imu_bias"})
 """There in every flight: the accelerometer's bias walks by some mg, as on a board that warms up."""
@@ -90,6 +101,8 @@ def judge(
             False, False, (), tuple(sorted(needed)), (), False, True, complaint or "no answer"
         )
     there = {n for n, s in sizes.items() if s >= THERE and not _outside(n)} | ALWAYS
+    # What touches a wall for some seconds in all is there, too.
+    there |= {n for n, s in truth["largest"].items() if s >= NEEDED and not _outside(n)}
     there |= {inner for n in there for inner in CONTAINS.get(n, ())}
     if sizes.get("payload", 0.0) >= THERE and truth["payload_moment"] >= THERE:
         there.add("cg_offset")

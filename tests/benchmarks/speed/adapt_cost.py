@@ -40,7 +40,7 @@ ADOPTED = (
         {"slope": 4.8, "turning": 15.0, "north": 0.0, "east": 0.0, "level": 0.15},
     ),
     AdoptedEffect("ground_effect", {"gain": 0.05, "length_radii": 2.0}),
-    AdoptedEffect("wall_effect", {"pull": 0.12, "tilt": 0.05, "length_radii": 1.1}),
+    AdoptedEffect("wall_effect", {"pull": 0.12, "tilt": 0.05, "lift": 0.0, "length_radii": 1.1}),
 )
 
 

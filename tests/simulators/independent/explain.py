@@ -190,7 +190,11 @@ def _by_air(scene: _Scene, parts: _Parts, lift: Array) -> None:
 
     hover = rotor.settled_thrust(frame, s.omega, still, still, rho)
     moving = gain(climb, ux * ux + uy * uy)
-    parts.lift("vertical_inflow", lift * (moving - 1.0))
+    # What turning adds is a moment: a rotor that it moves down meets more air.
+    mx, my, rising = loads.at_rotors(frame, own, np.zeros_like(s.rates))
+    not_turning = gain(rising + still, mx * mx + my * my + still)
+    parts.lift("vertical_inflow", lift * (not_turning - 1.0))
+    parts.lift("rate_damping", lift * (moving - not_turning))
     parts.lift("wind", lift * (gain(through, wx * wx + wy * wy) - moving))
     drag = -loads.rotor_drag_constant(frame, c) * s.omega
     own_side = loads.from_rotors(frame, still, np.stack([drag * ux, drag * uy]))
@@ -265,18 +269,23 @@ def low_pass(x: Array, hz: float = BAND_HZ, step_s: float = STEP_S) -> Array:
     return sosfiltfilt(butter(2, hz, fs=1.0 / step_s, output="sos"), x, axis=-1)
 
 
-def size(frame: Airframe, part: Array) -> float:
-    """95th percentile below 2 Hz: of the force over the weight or, if more, of the moment over weight times arm."""
+def size(frame: Airframe, part: Array, percent: float = 95.0) -> float:
+    """Percentile below 2 Hz: of the force over the weight or, if more, of the moment over weight times arm."""
     slow = low_pass(part)
     weight = frame.mass_kg * 9.80665
-    force = np.percentile(np.sqrt((slow[:3] ** 2).sum(axis=0)), 95.0) / weight
-    moment = np.percentile(np.sqrt((slow[3:] ** 2).sum(axis=0)), 95.0) / (weight * frame.arm_m)
+    force = np.percentile(np.sqrt((slow[:3] ** 2).sum(axis=0)), percent) / weight
+    moment = np.percentile(np.sqrt((slow[3:] ** 2).sum(axis=0)), percent) / (weight * frame.arm_m)
     return float(max(force, moment))
 
 
 def sizes(frame: Airframe, explained: Explained) -> dict[str, float]:
     """Size of every part."""
     return {name: size(frame, part) for name, part in explained.parts.items()}
+
+
+def largest(frame: Airframe, explained: Explained) -> dict[str, float]:
+    """The largest that every part becomes for a moment: what touches a wall twice is hardly in a percentile."""
+    return {name: size(frame, part, 100.0) for name, part in explained.parts.items()}
 
 
 def lag_beyond_delay(frame: Airframe, explained: Explained) -> float:

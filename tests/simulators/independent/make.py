@@ -13,7 +13,7 @@ import numpy as np
 from . import surfaces, tlog
 from .airframes import GUARDED, G, vehicle_toml
 from .cases import SECONDS, Case, cases
-from .explain import explain, lag_beyond_delay, size, sizes
+from .explain import explain, lag_beyond_delay, largest, size, sizes
 from .flight import Flight, Track
 from .power import bent
 from .sensors import sense
@@ -81,6 +81,7 @@ def _write(folder: Path, case: Case, track: Track) -> None:
         "made_large": list(case.effects), "model": "table" if frame.table else "none",
         "weight_n": frame.mass_kg * G, "arm_m": frame.arm_m,
         "sizes": {name: round(value, 5) for name, value in sizes(frame, parts).items()},
+        "largest": {name: round(value, 5) for name, value in largest(frame, parts).items()},
         "payload_moment": size(frame, lump), "lag_beyond_delay": lag_beyond_delay(frame, parts),
         "conditions": {name: value if np.isfinite(value) else None for name, value in asdict(c).items()},
     }  # fmt: skip
