@@ -211,13 +211,11 @@ def test_a_target_for_the_autopilot_is_answered_with_the_right_address():
     assert "position targets to component 191" in run.said()
 
 
-def test_accelerations_are_asked_for_only_where_they_are_recorded():
+def test_outputs_are_asked_for_only_where_they_are_recorded_or_vanes_need_them():
     vehicle = default_vehicle()
     flown = {w.message_id for w in wanted_streams(vehicle, Stack.ARDUPILOT, recorded=False)}
     kept = {w.message_id for w in wanted_streams(vehicle, Stack.ARDUPILOT, recorded=True)}
-    assert kept - flown == {mavlink.MAVLINK_MSG_ID_HIGHRES_IMU}, (
-        "vanes of this vehicle need its outputs"
-    )
+    assert kept == flown
     bare = dataclasses.replace(vehicle, vanes=())
     needed = {w.message_id for w in wanted_streams(bare, Stack.ARDUPILOT, recorded=False)}
     assert flown - needed == {mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW}

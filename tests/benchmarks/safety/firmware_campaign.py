@@ -1,11 +1,11 @@
 """Many flights on a real firmware at a time: what offsets remove, and one wrong sensor at a wall.
 
 ``ARDUCOPTER_BIN=… python tests/benchmarks safety.firmware_campaign {air,wrong} [--first 1]
-[--seeds 2] [--jobs 1] [--only TEXT] [--json FILE] [--record DIR] [--result FILE]``. With ``--px4`` it
-is PX4, and ``PX4_BIN``. Real firmware,
-simulated air (tests/firmware/rough_air.py), each flight in a network of its own. A flight takes two
-to four minutes and keeps two cores busy: no more ``--jobs`` than half the cores. With ``--json``
-flights that are in the file already are not flown again.
+[--seeds 2] [--jobs 1] [--only TEXT] [--json FILE] [--record DIR] [--result FILE]``. With ``--px4``
+it is PX4, and ``PX4_BIN``. Real firmware, simulated air (tests/firmware/rough_air.py), each flight in
+a network of its own. A flight takes two to four minutes and keeps two cores busy: no more ``--jobs``
+than half the cores, of PX4 one. With ``--json`` flights that are in the file already are not flown
+again.
 
 *air*: twice free, low, wall, corner and back; the second time counts. *amended* flies with what
 ``replay diagnose`` made of the flight without offsets in the same air. *wrong*: to the wall, then
@@ -453,6 +453,8 @@ def main() -> int:
     firmware = PX4 if a.px4 else ARDUCOPTER
     if not os.environ.get(firmware):
         p.error(f"{firmware} names no binary: docs/firmware.md")
+    if a.px4 and a.jobs > 1:
+        p.error("--px4: one flight at a time (--jobs 1): PX4 locks its place in /tmp")
     if a.kind == "one":
         raise_loopback()
         print(json.dumps(fly(*json.loads(a.only), a.record, a.model, px4=a.px4)))
