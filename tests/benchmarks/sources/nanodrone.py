@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from sources.clone import git, read
 from sources.motion import FLIP, Array, Message, boot_clock, imu, records, servos
-from sources.vehicle_file import fans, vehicle
+from sources.vehicle_file import CRAZYFLIE_PLACES, fans, vehicle
 
 COMMIT = "6d78c2317753605f157931558d734198fc6f3ef1"
 FOLDER = "data/real/raw/parquets"
@@ -45,12 +45,6 @@ COEFFICIENTS = {
     "ct": round(THRUST_NS2 / (DENSITY * math.pi * RADIUS_M**4), 6),
     "cq": round(TORQUE_NMS2 / (DENSITY * math.pi * RADIUS_M**5), 6),
 }
-PLACES = (
-    (1, 1, "ccw"),
-    (-1, 1, "cw"),
-    (-1, -1, "ccw"),
-    (1, -1, "cw"),
-)
 VEHICLES = {
     "nanodrone": vehicle(
         name="Crazyflie 2.1 Brushless",
@@ -58,7 +52,7 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=0.6,
         radius_m=RADIUS_M,
-        fan=[fan | COEFFICIENTS for fan in fans(PLACES, ARM_M, RADIUS_M, output="esc")],
+        fan=[fan | COEFFICIENTS for fan in fans(CRAZYFLIE_PLACES, ARM_M, RADIUS_M, output="esc")],
     )
 }
 CLOCKS = {

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from models.common.frames import GRAVITY
 from sources.clone import read
 from sources.motion import FLIP, Array, Motion, averaged, span, specific_force
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import CRAZYFLIE_PLACES, fans, throttle, vehicle
 
 COMMIT = "847605ab2d2d7ed5040ab0c7d2c7116c047b4de5"
 LOADED = (182, 183, 184, 201, 202, 203, 204, 205, 206)
@@ -39,12 +39,6 @@ TORQUE_M = 0.005964552
 """By the firmware: arm along an axis, and torque over thrust."""
 FULL_N = 0.25
 """Force of one motor that is written as full output; no command reaches it."""
-PLACES = (
-    (1, 1, "ccw"),
-    (-1, 1, "cw"),
-    (-1, -1, "ccw"),
-    (1, -1, "cw"),
-)
 MIXER = np.array(
     [
         [-1, -1, -1],
@@ -64,7 +58,7 @@ def named(name: str, mass_kg: float, level: float) -> dict[str, Any]:
         inertia=INERTIA,
         hover_thrust=0.35,
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        fan=fans(CRAZYFLIE_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(FULL_N * level, expo=0.0, voltage_v=3.7),
     )
 

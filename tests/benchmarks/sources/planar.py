@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from sources.clone import read
 from sources.motion import FLIP, Array, Motion, at, smoothed, span, specific_force
 from sources.table_text import Rows, columns, rows_of
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import CRAZYFLIE_PLACES, fans, throttle, vehicle
 
 COMMIT = "d764c4ced5ef8e00078175ce43a87506fe43949c"
 FOLDER = "runs_paper/hardware_data"
@@ -40,12 +40,6 @@ INERTIA = (16.6e-6, 16.6e-6, 29.3e-6)
 ARM_M = 0.046 * 0.5**0.5
 RADIUS_M = 0.0225
 """Of the standard vehicle, by its firmware."""
-PLACES = (
-    (1, 1, "ccw"),
-    (-1, 1, "cw"),
-    (-1, -1, "ccw"),
-    (1, -1, "cw"),
-)
 VEHICLES = {
     "planar": vehicle(
         name="planar",
@@ -53,7 +47,7 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=0.53,
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        fan=fans(CRAZYFLIE_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(FULL_N * LEVEL, expo=0.0, voltage_v=3.8),
     )
 }

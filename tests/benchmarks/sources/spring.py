@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from models.common.frames import GRAVITY
 from sources.clone import read
 from sources.motion import FLIP, Array, Motion, at, averaged, span
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import CRAZYFLIE_PLACES, fans, throttle, vehicle
 
 COMMIT = "174685539c31185e7f9f0d84a562020606c706da"
 ROOT = "Spring_Test/1Crazyflie_"
@@ -68,12 +68,6 @@ INERTIA = (16.6e-6, 16.6e-6, 29.3e-6)
 ARM_M = 0.0325
 RADIUS_M = 0.0255
 """Of the vehicle without the larger motors; a propeller of 51 mm comes with them."""
-PLACES = (
-    (1, 1, "ccw"),
-    (-1, 1, "cw"),
-    (-1, -1, "ccw"),
-    (1, -1, "cw"),
-)
 VEHICLES = {
     "spring": vehicle(
         name="spring",
@@ -81,7 +75,7 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=round(HOVER_PWM / FULL_PWM, 3),
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        fan=fans(CRAZYFLIE_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(round(MAX_THRUST_N, 4), expo=0.0, voltage_v=3.7),
     )
 }

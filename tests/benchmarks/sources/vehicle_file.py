@@ -14,6 +14,14 @@ LIMITS = {
 }
 """A diagnosis does not use them."""
 
+CRAZYFLIE_PLACES = (
+    (1, 1, "ccw"),
+    (-1, 1, "cw"),
+    (-1, -1, "ccw"),
+    (1, -1, "cw"),
+)
+"""Of four rotors, over the arm, ahead and to the right, in order of the motors of a Crazyflie."""
+
 
 def vehicle(
     *,
