@@ -28,6 +28,7 @@ _CAUGHT_UP_M_S = 0.03
 """An approach is over this near to the target in place and velocity."""
 _IGNORE_POSITION = (1, 2, 4)
 _IGNORE_VELOCITY = (8, 16, 32)
+_IGNORE_EITHER = sum(_IGNORE_POSITION) + sum(_IGNORE_VELOCITY)
 _IGNORE_YAW = 1024
 """Bits of POSITION_TARGET_TYPEMASK, by axis."""
 _NOWHERE = (math.nan, math.nan, math.nan)
@@ -119,9 +120,8 @@ def read_target(
 
 def _has_both(sample: SetPositionTarget) -> bool:
     """Whether the message gives place and velocity in each axis."""
-    ignored = sum(_IGNORE_POSITION) + sum(_IGNORE_VELOCITY)
     finite = all(map(math.isfinite, (*sample.position, *sample.velocity)))
-    return finite and not sample.type_mask & ignored
+    return finite and not sample.type_mask & _IGNORE_EITHER
 
 
 def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple[float, float]:
@@ -235,7 +235,10 @@ def advance(
         reference = start_reference(*expected(reference, lag_s), lag_s)
         to_go = _way(reference.position, place)
     speed = (north if free_n else 0.0, east if free_e else 0.0, down if free_d else 0.0)
-    approach = _BRISK if target.has_both else _GENTLE
+    if target.has_both:
+        approach = _BRISK
+    else:
+        approach = _GENTLE
     return _approached(reference, to_go, speed, limits, dt_s, lag_s, approach=approach)
 
 

@@ -56,8 +56,7 @@ def place_to_stay(state: PipelineState, config: PipelineConfig) -> PositionComma
 
 def hand_over_lasts_s(state: PipelineState) -> float:
     """How long the autopilot is sent the place to stay at."""
-    heartbeat = state.heard.heartbeat
-    px4 = stack_of(heartbeat) is Stack.PX4
+    px4 = stack_of(state.heard.heartbeat) is Stack.PX4
     if px4 and level_wall(state.air.disturbance) is not None:
         return _LASTS_BESIDE_A_WALL_S
     return _LASTS_S
