@@ -25,7 +25,7 @@ from replay.residual.grid import Mask
 from replay.search.channel import Whitened
 from replay.search.library import Design, Library
 from replay.search.noise_spectra import FITTED_SHARE, spectra, whitened_energies
-from replay.search.significance import Contributions, beyond_bounds, form_variance, worth
+from replay.search.significance import Contributions, beyond_bounds, form_variance, standing, worth
 from replay.search.terms import STEP_S, Key, Term
 from replay.search.thresholds import (
     FLOOR,
@@ -218,6 +218,13 @@ class Evidence:
         if within < least:
             return within
         return within + worth(Contributions(design, b, cov))
+
+    def stands_out(self, fit: Fit, term: Term) -> float:
+        """How far a further term would do so, beside a set and its noise: 1 is just enough to be named."""
+        terms = (*fit.terms, term)
+        design = self._design(terms)
+        u = Contributions(design, *self._posterior(design, fit.noise))
+        return float(standing(u)[-1])
 
     @staticmethod
     def possible(terms: Sequence[Term]) -> float:

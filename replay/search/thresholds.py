@@ -64,6 +64,8 @@ UNEXPLAINED_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
 OWN = 0.75
 """Smallest minimum unique contribution of a named term, in hundredths of the weight: no model is better than that."""
+HOPELESS = 0.8
+"""How far a term has to stand out to be weighed beside a set: 1 is just enough to be named."""
 USUAL = 2.0
 USUAL_TRIM = 1.0
 """Coefficients and trims that take over stay within so many standard deviations of their prior."""

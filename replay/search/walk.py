@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, islice
 
 from models.effects import Effect
 from replay.residual.record import Record
@@ -19,14 +19,14 @@ from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
 from replay.search.posterior import Sets, Walked, canonical
 from replay.search.terms import Key, Term
-from replay.search.thresholds import ALIAS_NATS, TRUST
+from replay.search.thresholds import ALIAS_NATS, HOPELESS, TRUST
 
 MOST = 9
 MOST_A_FLIGHT = 3
 """Terms of a set: of one flight, and more for every other."""
 BEAM = 4
 """Sets that are carried on."""
-TRIED = 6
+TRIED = 9
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
 SHAPES = 6
 """Shapes of an addition that are weighed in full: of those that became an answer, none came later than the fourth."""
@@ -103,7 +103,7 @@ def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
             break
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
-            for term in _additions(sets, fit, TRIED):
+            for term in additions(sets, fit, TRIED):
                 if not account.lasts(GROWING, LARGER):
                     break
                 new = _with(sets, fit, term)
@@ -118,8 +118,11 @@ def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
         beam = list({f.key: f for f in polished}.values())
 
 
-def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
-    """The best shapes of what might be added, beside the set's own noise and beside quiet noise."""
+def additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
+    """The best shapes of what might be added, beside the set's own noise and beside quiet noise.
+
+    What is certain but far too small for a name would stand in the way of what is larger.
+    """
     evidence = sets.evidence
     taken = {t.key for t in fit.terms}
     inside = set()
@@ -142,8 +145,9 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
             near = fit
         else:
             near = evidence.refit(fit.terms, noise)
-        ranked = evidence.promising(near, rivals)[:tried]
-        out += [t for odds, t in ranked if odds > WORTH_A_LOOK and t not in out]
+        likely = (t for odds, t in evidence.promising(near, rivals) if odds > WORTH_A_LOOK)
+        large = (t for t in likely if evidence.stands_out(near, t) >= HOPELESS)
+        out += [t for t in islice(large, tried) if t not in out]
     return out
 
 
@@ -232,9 +236,9 @@ def _settled(sets: Sets, fit: Fit, account: Account) -> Fit:
             if not account.lasts(SETTLING, "one effect in place of another"):
                 return best
             less = sets.weigh([t for t in fit.terms if t is not term], fit)
-            tried = [less, *(_with(sets, less, other) for other in _additions(sets, less, 4))]
+            tried = [less, *(_with(sets, less, other) for other in additions(sets, less, 4))]
             best = max([best, *tried], key=lambda f: f.score)
-        grown = [_with(sets, fit, other) for other in _additions(sets, fit, TRIED)]
+        grown = [_with(sets, fit, other) for other in additions(sets, fit, TRIED)]
         best = _reshaped(sets, max([best, *grown], key=lambda f: f.score))
         if best.score <= fit.score + 1e-6:
             return best
@@ -247,7 +251,7 @@ def _exchanged(sets: Sets, fit: Fit, account: Account) -> None:
 
     def others(gone: Sequence[Term], tried: int) -> list[Fit]:
         less = sets.weigh([t for t in fit.terms if t not in gone], fit)
-        return [_with(sets, less, other) for other in _additions(sets, less, tried)]
+        return [_with(sets, less, other) for other in additions(sets, less, tried)]
 
     for pair in combinations(fit.terms, 2):
         if account.lasts(1.0, "one effect in place of two"):
@@ -257,5 +261,5 @@ def _exchanged(sets: Sets, fit: Fit, account: Account) -> None:
             return
         for grown in others([term], 3):
             if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
-                for other in _additions(sets, grown, 2):
+                for other in additions(sets, grown, 4):
                     sets.weigh([*grown.terms, other], grown)

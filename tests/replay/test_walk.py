@@ -5,13 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from made_up import biased, some
 
+from models.effects import get
 from replay.diagnosis.diagnose import conclude
+from replay.residual.record import Record
 from replay.search import walk as walk_module
-from replay.search.posterior import Walked
-from replay.search.walk import LONG_S, MOST_WORK, walk
+from replay.search.channel import hundredths
+from replay.search.evidence import Evidence
+from replay.search.library import Library
+from replay.search.posterior import Sets, Walked
+from replay.search.thresholds import HOPELESS
+from replay.search.walk import LONG_S, MOST_WORK, additions, walk
 
 EFFECTS = ("imu_bias", "rotor_drag")
 
@@ -38,6 +45,30 @@ def test_every_set_is_known_by_its_keys_and_none_is_likelier_than_the_first(walk
     assert frozenset() in walked.fits
     scores = [round(fit.score, 6) for fit in walked.ranked()]
     assert scores == sorted(scores, reverse=True)
+
+
+def with_effect(record: Record, name: str, weight_percent: float) -> Record:
+    """With an effect that is so large at most (99th percentile)."""
+    effect = get(name)
+    shape = effect.shape_grid(record.context)[0]
+    does = np.nan_to_num(effect.regressors(record.context, shape))[..., 0]
+    largest = np.percentile(np.abs(does[record.valid]), 99.0, axis=0).max()
+    unit = float(hundredths(record.context)[0])
+    return replace(record, residual=record.residual + weight_percent * unit / largest * does)
+
+
+def test_what_is_too_small_for_a_name_takes_no_place_among_what_is_tried() -> None:
+    record = biased(seconds=120.0, bias=0.0)
+    record = replace(record, residual=0.3 * record.residual)
+    record = with_effect(record, "rotor_drag", 0.4)
+    record = with_effect(record, "thrust_scale", 1.3)
+    evidence = Evidence(Library([record], some("rotor_drag", "thrust_scale")))
+    empty = evidence.fit([], evidence.unfitted())
+    _, surest = evidence.promising(empty, range(len(evidence.library.terms)))[0]
+    assert surest.name == "rotor_drag"
+    assert evidence.stands_out(empty, surest) < HOPELESS
+    (tried,) = {t.name for t in additions(Sets(evidence, {empty.key: empty}), empty, 1)}
+    assert tried == "thrust_scale"
 
 
 def test_probabilities_are_shares_of_all_sets(walked: Walked) -> None:
