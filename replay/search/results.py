@@ -207,15 +207,22 @@ def _predictive(walked: Walked) -> Walked:
         more = any(other < names for other in likeliest)
         if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS and not more:
             likeliest.setdefault(names, fit)
-    left = {
-        fit.key: sum(f.energy(f.after) for f in flight_fits(walked.evidence, fit))
-        for fit in likeliest.values()
-    }
+    left = {fit.key: _left(flight_fits(walked.evidence, fit)) for fit in likeliest.values()}
     least = min(left.values())
     chosen = next(fit for fit in likeliest.values() if left[fit.key] <= HELD_OUT * least)
     if chosen.key == walked.best.key:
         return walked
     return walked.at_most(chosen)
+
+
+def _left(fits: Sequence[FlightFit]) -> float:
+    """Energy of held-out time beside a set; of an axis that it makes worse, as without it: it will not act there."""
+    total = 0.0
+    for axis in sorted({axis for f in fits for axis in f.record.axes}):
+        before = sum(f.energy(f.before, [axis]) for f in fits)
+        after = sum(f.energy(f.after, [axis]) for f in fits)
+        total += min(before, after)
+    return total
 
 
 def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:

@@ -20,17 +20,28 @@ def fit(names: tuple[str, ...], score: float):
     return SimpleNamespace(terms=terms, score=score, key=frozenset(names))
 
 
-def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, float]):
-    """The answer among sets of (names, score, energy left of unseen time), and the sets that stay."""
-    left = {frozenset(names): energy for names, _, energy in sets}
-    fits = {frozenset(names): fit(names, score) for names, score, _ in sets}
+BEFORE = 1000.0
+"""Energy of held-out time on an axis, without a model."""
+
+
+def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, *tuple[float, ...]]):
+    """The answer among sets of (names, score, energy left of held-out time by axis), and the sets that stay."""
+    left = {frozenset(names): energies for names, _, *energies in sets}
+    fits = {frozenset(names): fit(names, score) for names, score, *_ in sets}
     walked = Walked(evidence=None, fits=fits, best=max(fits.values(), key=lambda f: f.score))
-    flight = SimpleNamespace(energy=lambda energy: energy)
-    monkeypatch.setattr(
-        results,
-        "flight_fits",
-        lambda _, f: [SimpleNamespace(after=left[f.key], energy=flight.energy)],
-    )
+
+    def flights(_, of):
+        energies = left[of.key]
+        return [
+            SimpleNamespace(
+                record=SimpleNamespace(axes=range(len(energies))),
+                before=[BEFORE] * len(energies),
+                after=energies,
+                energy=lambda by_axis, axes: sum(by_axis[a] for a in axes),
+            )
+        ]
+
+    monkeypatch.setattr(results, "flight_fits", flights)
     answer = results._predictive(walked)
     return answer.best.key, set(answer.fits)
 
@@ -47,6 +58,13 @@ def test_a_set_that_leaves_twice_as_much_of_unseen_time_is_passed_over(monkeypat
     )  # fmt: skip
     assert best == {"rotor_drag"}
     assert kept == {best}, "what is likelier than the answer stands in nobody's place"
+
+
+def test_an_axis_that_a_set_makes_worse_is_counted_as_without_it(monkeypatch):
+    """It will not act there."""
+    fan = (("fan_imbalance",), 0.0, 100.0, 5.0 * BEFORE)
+    best, _ = chosen(monkeypatch, fan, (("cg_offset", "thrust_scale"), -3.0, 100.0, 0.6 * BEFORE))
+    assert best == {"fan_imbalance"}
 
 
 def test_one_effect_more_is_no_rival(monkeypatch):
