@@ -75,9 +75,10 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
 
 
 def beside_surfaces(record: Record, rest: Array) -> list[Outside]:
-    """What is left on average beside a surface, beyond two standard errors of that mean."""
+    """What is left on average beside a surface and not away from all, beyond two standard errors of that mean."""
     out = []
     masks = regimes(record)
+    away, doubt = _away(record, rest, masks["far"])
     for name in SURFACES:
         mask = masks[name]
         seconds = float(mask.sum()) * record.step_s
@@ -87,13 +88,27 @@ def beside_surfaces(record: Record, rest: Array) -> list[Outside]:
             limit = hundredths(record.context)[a] * (
                 LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT
             )
-            mean = rest[mask, a].mean()
-            error = rest[mask, a].std() / np.sqrt(max(seconds / INDEPENDENT_S, 1.0))
+            mean = rest[mask, a].mean() - away[a]
+            error = np.hypot(_standard_error(rest[mask, a], seconds), doubt[a])
             if abs(mean) > limit + 2.0 * error:
                 out.append(
                     Outside(AXES[a], float(abs(mean)), _intervals(record.time_s, mask), name)
                 )
     return out
+
+
+def _away(record: Record, rest: Array, far: Mask) -> tuple[Array, Array]:
+    """Mean (6,) away from all surfaces and its standard error; zeros where the flight was not there."""
+    seconds = float(far.sum()) * record.step_s
+    if seconds < LEAST_S:
+        return np.zeros(6), np.zeros(6)
+    errors = [_standard_error(rest[far, a], seconds) for a in range(6)]
+    return rest[far].mean(axis=0), np.array(errors)
+
+
+def _standard_error(x: Array, seconds: float) -> float:
+    """Of the mean of some samples (n,) that last so long."""
+    return float(x.std() / np.sqrt(max(seconds / INDEPENDENT_S, 1.0)))
 
 
 def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:

@@ -22,13 +22,15 @@ from models.vehicle import Throttle
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
+from replay.search.channel import hundredths
 from replay.search.curves import LEANS, curves
 from replay.search.estimates import IntervalEstimate
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
 from replay.search.noise_spectra import runs, spectra, whitened_energies
 from replay.search.posterior import canonical
-from replay.search.remainder import outside
+from replay.search.regimes import regimes
+from replay.search.remainder import beside_surfaces, outside
 from replay.search.results import Found, Searched, summarise
 from replay.search.significance import Contributions, tops
 from replay.search.terms import Term
@@ -526,6 +528,21 @@ def test_a_slow_disturbance_that_no_channel_carries_is_reported_with_when(quiet:
     (when,) = slow.intervals_s
     assert when == pytest.approx((quiet.time_s[0] + 30.0, quiet.time_s[0] + 45.0), abs=1.5)
     assert outside(quiet, 0.1 * rest) == ()
+
+
+def test_what_is_left_beside_a_surface_is_what_is_not_left_away_from_it(quiet: Record) -> None:
+    masks = regimes(quiet)
+    unit = float(hundredths(quiet.context)[0])
+    rest = np.zeros_like(quiet.residual)
+    rest[:, 0] = 0.8 * unit
+    assert beside_surfaces(quiet, rest) == []
+    rest[masks["wall"] | masks["corner"], 0] = 0.2 * unit
+    left = beside_surfaces(quiet, rest)
+    assert {(o.axis, o.regime) for o in left} == {("Fx", "wall"), ("Fx", "corner")}
+    assert left[0].rms == pytest.approx(0.6 * unit)
+    # A flight that was never away from the surfaces has nothing to compare with.
+    never_away = replace(quiet, valid=quiet.valid & ~masks["far"])
+    assert {o.regime for o in beside_surfaces(never_away, rest)} == {"low"}
 
 
 def test_a_quick_force_above_three_percent_is_no_explained_flight(quiet: Record) -> None:
