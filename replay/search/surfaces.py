@@ -7,6 +7,7 @@ says more than a map: the map is taken where ``TRUST log p(y | set, map) + log o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -15,7 +16,7 @@ import numpy as np
 from models.effects import Effect
 from replay.search.evidence import Fit
 from replay.search.posterior import Walked
-from replay.search.terms import without_form
+from replay.search.terms import Term, without_form
 from replay.search.thresholds import MARGIN
 
 ROUNDS = 2
@@ -23,22 +24,26 @@ ROUNDS = 2
 
 
 def with_surface_law(walked: Walked) -> Walked:
-    """The best set with the map where that is clearly likelier, and the log odds of the map."""
+    """The best set with the map, beside its laws or in their place, where that is clearly likelier; its log odds."""
     best = walked.best
     for effect in walked.evidence.library.remainders:
-        mapped = _lighter(walked, _spread(walked, effect))
+        lawless = [t for t in best.terms if t.name not in effect.aliases]
+        candidates = []
+        for terms in dict.fromkeys((best.terms, tuple(lawless))):
+            candidates.append(_lighter(walked, _spread(walked, terms, effect)))
+        mapped = max(candidates, key=lambda fit: round(fit.promise, 6))
         odds = mapped.promise - best.promise
         if odds > MARGIN:
             return replace(walked, best=replace(mapped, worth=best.worth), map_log_odds=odds)
     return walked
 
 
-def _spread(walked: Walked, effect: Effect) -> Fit:
-    """The best set with the map in its likeliest spread, each of its numbers in turn (empirical Bayes)."""
+def _spread(walked: Walked, terms: Sequence[Term], effect: Effect) -> Fit:
+    """A set with the map in its likeliest spread, each of its numbers in turn (empirical Bayes)."""
     library = walked.evidence.library
     # The map takes the place of the model-form errors of the laws that it corrects.
     named = []
-    for t in walked.best.terms:
+    for t in terms:
         if t.name in effect.aliases:
             named.append(without_form(t))
         else:
