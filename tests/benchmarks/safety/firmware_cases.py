@@ -53,8 +53,8 @@ WALL_M = 1.6
 # -- PX4 -------------------------------------------------------------------------------------------------------------
 
 
-def excursion_then_offboard(p: CasePilot) -> Iterator[float]:
-    yield from p.take_off(HEIGHT_M)
+def there_by_sticks(p: CasePilot) -> Iterator[float]:
+    """The pilot flies some metres forward, stops, and hands over again."""
     p.mode(Mode.POSHOLD)
     p.sticks(forward=1.0)
     yield 4.5
@@ -63,19 +63,17 @@ def excursion_then_offboard(p: CasePilot) -> Iterator[float]:
     p.judge()
     p.mode(Mode.GUIDED)
     yield 8.0
+
+
+def excursion_then_offboard(p: CasePilot) -> Iterator[float]:
+    yield from p.take_off(HEIGHT_M)
+    yield from there_by_sticks(p)
 
 
 def leave_and_come_back(p: CasePilot) -> Iterator[float]:
     yield from p.take_off(HEIGHT_M)
     yield from p.hand_over()
-    p.mode(Mode.POSHOLD)
-    p.sticks(forward=1.0)
-    yield 4.5
-    p.sticks()
-    yield 3.0
-    p.judge()
-    p.mode(Mode.GUIDED)
-    yield 8.0
+    yield from there_by_sticks(p)
 
 
 def engage(p: CasePilot) -> Iterator[float]:
