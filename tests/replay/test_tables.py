@@ -7,6 +7,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from sources.nanodrone import VEHICLES
+from sources.vehicle_file import vehicle_toml
 from tables import nanodrone, neurobem, rotor_pairs
 from tables.multistep import Parameter, fit
 from tables.nanodrone import Cut, Fitted, reproduced, vehicle
@@ -14,6 +16,7 @@ from tables.nanodrone_data import STEP_S, Run, _bridged, _lag, _without_repeats
 from tables.nanodrone_score import STEPS, naive, score, starts
 
 from models.common.frames import GRAVITY, Array
+from models.vehicle import load_vehicle
 from replay.predict.rollout import FlightModel, rollout
 
 TRUE = {
@@ -172,6 +175,25 @@ def test_a_flight_that_is_left_out_is_told_by_the_others() -> None:
     errors = neurobem.left_out(columns, measured)
     assert errors[2] == pytest.approx(-1.0, abs=1e-9)
     assert np.abs(errors[0]).max() > 1e-3
+
+
+def test_a_vehicle_file_alone_is_rolled_as_its_vehicle_is(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text(vehicle_toml(VEHICLES["nanodrone"]))
+    start = np.zeros((1, 13))
+    start[0, 6] = 1.0
+    speeds = np.full((1, STEPS, 4), 1.01 * hover_rpm())
+    path = nanodrone.rolled(file, None)(start, speeds)
+    own = FlightModel(load_vehicle(file))
+    assert np.array_equal(path, rollout(own, start, speeds, step_s=STEP_S))
+    assert path[0, -1, 2] < 0.0
+
+
+def test_a_model_is_scored_with_its_vehicle_file(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("sys.argv", ["nanodrone", str(tmp_path), "--model", "nowhere"])
+    with pytest.raises(SystemExit, match="2"):
+        nanodrone.main()
+    assert "go together" in capsys.readouterr().err
 
 
 def test_another_neurobem_than_the_known_one_is_refused() -> None:

@@ -20,6 +20,8 @@ CLOSED = frozenset({"nothing_missing", "explained"})
 """Verdicts that say that nothing unnamed is left."""
 BEST_FACTOR = 1.2
 TOP_CHANNELS = 3
+LEAST_DELAY_S = 0.005
+"""Shortest delay that counts as named: half a sample of a log at 100 Hz."""
 OLD_NAMES = {"mass_kg": "mass", "length_m": "rope_m"}
 """What answers called a parameter before the fourth edition of the contract."""
 
@@ -177,15 +179,21 @@ def _satisfied(
 ) -> bool:
     if group & said or any(group & _stands_for(name, flight.true, known, answer) for name in said):
         return True
-    faults = [str(f.get("channel", "")) for f in answer.get("log_faults", [])]
-    channels = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][
-        :TOP_CHANNELS
-    ]
+    said_of_log = _said_of_log(answer)
     wanted = [n.partition(":") for n in group if ":" in n]
-    return any(
-        any(f.startswith(what) for f in faults) if kind == "fault" else what in channels
-        for kind, _, what in wanted
-    )
+    return any(any(text.startswith(what) for text in said_of_log[kind]) for kind, _, what in wanted)
+
+
+def _said_of_log(answer: Answer) -> Mapping[str, Sequence[str]]:
+    """What an answer says beside effects, by kind as a table asks for it: ``fault:CHANNEL``, ``delay:SIGNAL`` ..."""
+    channels = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])]
+    delays = [d for d in answer.get("delays", []) if d["corrected"]]
+    return {
+        "fault": [str(f.get("channel", "")) for f in answer.get("log_faults", [])],
+        "channel": channels[:TOP_CHANNELS],
+        "delay": [str(d["signal"]) for d in delays if abs(d["seconds"]) >= LEAST_DELAY_S],
+        "repeats": [str(r["signal"]) for r in answer.get("repeats", [])],
+    }
 
 
 def _not_adopted(flight: Flight, answer: Answer) -> tuple[Statement, ...]:

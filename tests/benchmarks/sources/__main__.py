@@ -31,6 +31,7 @@ CONVERTERS = (
     "loss",
     "mambo",
     "nanodrone",
+    "nanodrone_training",
     "neurobem",
     "payload",
     "planar",

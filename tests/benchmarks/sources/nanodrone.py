@@ -30,6 +30,7 @@ from sources.vehicle_file import CRAZYFLIE_PLACES, fans, vehicle
 COMMIT = "6d78c2317753605f157931558d734198fc6f3ef1"
 FOLDER = "data/real/raw/parquets"
 WALL_S = 1.76e9
+EVERY = slice(None)
 Messages = Callable[[int, int, int], Iterator[Message]]
 """Of sample i, at a time since boot in ms and in us."""
 POLE_PAIRS = 6
@@ -80,11 +81,12 @@ def flights(clone: Path) -> Iterator[tuple[str, Recording]]:
         yield name, recording_of(read(clone, COMMIT, path))
 
 
-def recording_of(data: bytes) -> Recording:
+def recording_of(data: bytes, rows: slice = EVERY) -> Recording:
+    """What the bytes of a parquet file hold in these rows."""
     table = pq.read_table(io.BytesIO(data))
 
     def column(name: str, kind: type) -> NDArray[Any]:
-        return np.array(table[name].to_numpy(zero_copy_only=False), kind)
+        return np.array(table[name].to_numpy(zero_copy_only=False), kind)[rows]
 
     columns = {name: column(name, float) for name in NAMES}
     whole = np.all([np.isfinite(values) for values in columns.values()], axis=0)
@@ -98,6 +100,8 @@ class Recording:
 
     columns: dict[str, Array]
     flying: NDArray[np.bool_]
+    held: bool = False
+    """Whether every row says everything at its own time, what is repeated in place of a lost sample included."""
 
     def records(self) -> Iterator[bytes]:
         """The .tlog."""
@@ -128,6 +132,9 @@ class Recording:
 
     def news(self) -> list[tuple[float, str, int]]:
         """What came new, by its own time since the start [s]: the source repeats a value until the next one."""
+        if self.held:
+            times = self.columns["t"] - self.columns["t"][0]
+            return [(now, kind, i) for i, now in enumerate(times.tolist()) for kind in CLOCKS]
         start = self.columns[CLOCKS["state"]][0] - self.columns["t"][0]
         rows: list[tuple[float, str, int]] = []
         for kind, clock in CLOCKS.items():

@@ -6,6 +6,8 @@ github.com/idsia-robotics/nanodrone-sysid-benchmark (Busetto et al. 2026, arXiv:
 The model is a vehicle with effects of the catalogue, rolled out by ``replay.rollout``. Forces are fitted first, with
 the measured attitude, then moments, both on training flights alone; the test flights are used once, for the score.
 ``--validate`` scores run 4 of the training flights and the unpublished trajectory random1, and not the test flights.
+``--model DIR --vehicle FILE`` scores what ``replay diagnose --save-model`` wrote of the training flights in place of
+the fit, beside the vehicle file alone.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from result_file import add_option, figure, write_result
 
 from models.common.frames import Array, rotation_from_quaternion
 from models.effects import AdoptedEffect, get
-from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.surrogate.fan_surrogate import FanSurrogate
+from models.surrogate.store import load
+from models.vehicle import RHO_SEA_LEVEL, Vehicle, load_vehicle
 from models.vehicle.vehicle import Fan, Rotor
 from models.vehicle_wrench import RPM_TO_RAD_S
 from replay import FlightModel, rollout
@@ -32,6 +36,7 @@ from tables.nanodrone_data import STEP_S, TRAINING, Run, raw_runs, test_runs
 from tables.nanodrone_score import (
     QUANTITIES,
     STEPS,
+    Predictor,
     Score,
     error,
     inputs_of,
@@ -223,6 +228,12 @@ class Cut:
         return error(quantity, path, self.measured).mean(axis=0)[np.array(HORIZONS) - 1]
 
 
+def rolled(vehicle_file: Path, model: FanSurrogate | None) -> Predictor:
+    """A vehicle file with a model directory, or alone."""
+    flies = FlightModel(load_vehicle(vehicle_file), model)
+    return lambda states, inputs: rollout(flies, states, inputs, step_s=STEP_S)
+
+
 def fitted(runs: Sequence[Run]) -> Fitted:
     """Forces with the measured attitude, then moments with the forces as they are."""
     cut = Cut.of(runs)
@@ -318,19 +329,44 @@ def reproduced(runs: Sequence[Run]) -> dict[str, Score]:
 def main() -> int:
     parser = command_line.of_clone(__doc__)
     parser.add_argument("--validate", action="store_true", help="score flights for validation")
+    parser.add_argument("--model", type=Path, metavar="DIR", help="score this model directory")
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="the vehicle file of --model")
     add_option(parser)
     a = parser.parse_args()
-    ours = fitted(raw_runs(a.clone, TRAINING, (1, 2, 3)))
-    for name, value in ours.values.items():
-        print(f"{name:24s} {value:.4g}")
+    if (a.model is None) != (a.vehicle is None):
+        parser.error("--model and --vehicle go together")
+    rows = _rows(a)
     if a.validate:
-        _validate(a.clone, ours)
+        _validate(a.clone, rows)
+    elif a.model:
+        _beside(a.clone, rows)
     else:
-        _judge(a, ours)
+        _judge(a, rows["ours"])
     return 0
 
 
-def _validate(clone: Path, ours: Fitted) -> None:
+def _rows(a: argparse.Namespace) -> dict[str, Predictor]:
+    """What is scored, by the name of its row."""
+    if a.model:
+        return {
+            "vehicle file": rolled(a.vehicle, None),
+            "replay diagnose": rolled(a.vehicle, load(a.model)),
+        }
+    ours = fitted(raw_runs(a.clone, TRAINING, (1, 2, 3)))
+    for name, value in ours.values.items():
+        print(f"{name:24s} {value:.4g}")
+    return {"ours": ours.predict}
+
+
+def _beside(clone: Path, rows: Mapping[str, Predictor]) -> None:
+    runs = test_runs(clone)
+    reproduced(runs)
+    print(f"\nas published\n{head()}")
+    for name, predict in rows.items():
+        print(row(name, score(runs, predict, seam=True)))
+
+
+def _validate(clone: Path, rows: Mapping[str, Predictor]) -> None:
     flights = {
         "run 4": raw_runs(clone, TRAINING, (4,)),
         "random1": raw_runs(clone, ("random1",), (1, 2, 3, 4)),
@@ -338,10 +374,11 @@ def _validate(clone: Path, ours: Fitted) -> None:
     for name, runs in flights.items():
         print(f"\n{name}\n{head()}")
         print(row("Physics", score(runs, physics, seam=False)))
-        print(row("ours", score(runs, ours.predict, seam=False)))
+        for title, predict in rows.items():
+            print(row(title, score(runs, predict, seam=False)))
 
 
-def _judge(a: argparse.Namespace, ours: Fitted) -> None:
+def _judge(a: argparse.Namespace, ours: Predictor) -> None:
     runs = test_runs(a.clone)
     rows = reproduced(runs)
     print(f"\nas published (the truth runs on from one flight into the next)\n{head()}")
@@ -349,10 +386,10 @@ def _judge(a: argparse.Namespace, ours: Fitted) -> None:
         print(row(name, published))
     for name, computed in rows.items():
         print(row(f"{name}, computed here", computed))
-    official = score(runs, ours.predict, seam=True)
+    official = score(runs, ours, seam=True)
     print(row("ours", official))
     print(f"\nwithout the seam\n{head()}")
-    clean = score(runs, ours.predict, seam=False)
+    clean = score(runs, ours, seam=False)
     print(row("Physics, computed here", score(runs, physics, seam=False)))
     print(row("ours", clean))
     against = {name: better(official, [PUBLISHED[name]]) for name in LEARNERS}
