@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -26,9 +27,13 @@ from replay.fleet.page import page
 from replay.fleet.results import keep, known, logs_in, table
 from replay.fleet.store import NAME, Store
 from replay.fleet.vehicles import Assigned, assign, named
+from replay.fleet.workers import USABLE_BYTES, Place
+from replay.pipeline_options import LOG_MINUTES
 
 SAY_EVERY_S = 30.0
 """Between two lines of a run whose output is redirected."""
+_NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
+"""Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
 _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
 """A draft has these already."""
 
@@ -78,6 +83,16 @@ def check_folder(a: argparse.Namespace) -> None:
         raise ConfigError(
             f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786"
         )
+    if a.scheduler is not None and a.workers is not None:
+        raise ConfigError(
+            "--workers: is of this machine, and --scheduler names a cluster, which has workers of "
+            "its own; leave one of them out"
+        )
+    for option, unit in (("log_minutes", "minutes"), ("log_gb", "GB")):
+        number = getattr(a, option)
+        if number is not None and not 0.0 < number < math.inf:
+            said = f"--{option.replace('_', '-')} {number:g}"
+            raise ConfigError(f"{said}: must be {unit} above 0")
     check_targets(a)
     check_declared(a.vehicle, a.model)
     if a.command == "diagnose":
@@ -174,12 +189,21 @@ def _assigned(
         target_system=a.target_system,
         out=out.resolve(),
         store=store,
-        workers=_workers(a),
+        place=_place(a),
     )
 
 
-def _workers(a: argparse.Namespace) -> int:
-    return a.workers or len(os.sched_getaffinity(0))
+def _place(a: argparse.Namespace) -> Place:
+    """Here no more workers than fit into memory together, each with a long log."""
+    most_bytes = None if a.log_gb is None else 1e9 * a.log_gb
+    fitting = int(USABLE_BYTES / (most_bytes or _NEEDED_BYTES[a.command]))
+    wished = a.workers or len(os.sched_getaffinity(0))
+    return Place(
+        workers=max(min(wished, fitting), 1),
+        scheduler=a.scheduler,
+        most_s=60.0 * (a.log_minutes or LOG_MINUTES),
+        most_bytes=most_bytes,
+    )
 
 
 def _answers(
@@ -203,7 +227,7 @@ def _answers(
             _into(store, job, answer)
             yield job, {**answer, "page": job.link}
     if waiting:
-        working = work(waiting, _workers(a), a.scheduler)
+        working = work(waiting, _place(a))
         for job, found in _counted(a, working, len(jobs), len(told)):
             answer = dict(found)
             if job.sha256 in drafts and "error" not in answer:
