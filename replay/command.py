@@ -119,7 +119,9 @@ def flown(a: argparse.Namespace) -> tuple[Vehicle, Choice, Sequence[str]]:
 def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:
     """ConfigError where one of these options is given, with the reason."""
     for option in options:
-        if getattr(a, option) not in (None, [], False):
+        value = getattr(a, option)
+        # 0 is given, and equals False.
+        if value is not False and value not in (None, []):
             raise ConfigError(f"--{option.replace('_', '-')}: {why}")
 
 

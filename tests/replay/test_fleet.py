@@ -19,7 +19,7 @@ from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform, work
 from replay.fleet.page import common_effects
-from replay.fleet.results import keep, known, logs_in, table
+from replay.fleet.results import Answers, keep, known, logs_in, table
 from replay.fleet.workers import Place
 
 DAY_US = 86_400_000_000
@@ -261,6 +261,20 @@ def test_interrupted_folder_keeps_what_was_done(folder, tmp_path):
     assert known(tmp_path, jobs[1]) is None
 
 
+def test_answers_are_read_when_they_are_looked_at(folder, tmp_path):
+    jobs = [Job.of("run", p, {}) for p in logs_in(folder)[0]]
+    answers = Answers(tmp_path, jobs)
+    for number, job in enumerate(jobs):
+        keep(tmp_path, job, {"log": "where it was", "duration_s": float(number)})
+    assert [a["duration_s"] for a in answers] == [0.0, 1.0, 2.0]
+    assert answers[1]["log"] == str(jobs[1].log), "where it lies today"
+    keep(tmp_path, jobs[1], {"log": "", "duration_s": 7.0})
+    assert [a["duration_s"] for a in answers[1:]] == [7.0, 2.0], "none is held in memory"
+    (tmp_path / "results" / f"{jobs[2].name}.json").unlink()
+    assert answers[2]["error"] == "its answer is gone"
+    assert len(table(answers).splitlines()) == 4
+
+
 def test_dask_does_the_same_work(folder, tmp_path, capsys):
     distributed = pytest.importorskip(
         "distributed", reason="distributed is not installed (extra: cluster)"
@@ -350,6 +364,6 @@ def test_options_without_effect_and_limits_that_are_none_are_refused(folder, cap
         assert main(["run", str(folder), *option]) == 2
         assert option[0] in capsys.readouterr().err
     for command in ("run", "diagnose"):
-        for option in (["--workers", "2"], ["--retry"], ["--scheduler", "tcp://a:1"]):
+        for option in (["--workers", "0"], ["--retry"], ["--scheduler", "tcp://a:1"]):
             assert main([command, log, *option]) == 2
             assert f"{option[0]}: is of a folder of logs" in capsys.readouterr().err

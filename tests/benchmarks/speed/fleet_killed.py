@@ -98,7 +98,9 @@ class Memory:
 
     def look(self, process: psutil.Process, workers: Sequence[psutil.Process], done: int) -> None:
         """Once."""
-        self.command.append((done, mebibytes(process)))
+        size = mebibytes(process)
+        if size:  # else it has just ended
+            self.command.append((done, size))
         self.largest = max([self.largest, *map(mebibytes, workers)])
 
     @property
