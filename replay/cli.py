@@ -87,10 +87,11 @@ def _run(a: argparse.Namespace) -> int:
     if a.log.is_dir():
         return _run_folder(a)
     # Imported here so that --help answers at once.
-    from replay.command import flown, write_answer
+    from replay.command import flown, refuse_of_folder, write_answer
     from replay.rerun.history import History
     from replay.rerun.report import run
 
+    refuse_of_folder(a)
     vehicle, model, assumed = flown(a)
     config, chosen, notes = pipeline_config(a, (vehicle, model))
     history = History()

@@ -35,6 +35,18 @@ _NO_MODEL = (
     "known before"
 )
 """Of a drafted vehicle that sees a surface."""
+_OF_FOLDER = (
+    "out",
+    "workers",
+    "scheduler",
+    "log_minutes",
+    "log_gb",
+    "retry",
+    "refresh",
+    "vehicles",
+    "watch",
+)
+"""Options."""
 
 
 def check_declared(vehicle_file: Path | str | None, model: str | None) -> None:
@@ -107,8 +119,16 @@ def flown(a: argparse.Namespace) -> tuple[Vehicle, Choice, Sequence[str]]:
 def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:
     """ConfigError where one of these options is given, with the reason."""
     for option in options:
-        if getattr(a, option) not in (None, []):
+        value = getattr(a, option)
+        # 0 is given, and equals False.
+        if value is not False and value not in (None, []):
             raise ConfigError(f"--{option.replace('_', '-')}: {why}")
+
+
+def refuse_of_folder(a: argparse.Namespace) -> None:
+    """ConfigError where an option of a folder is given, and no folder."""
+    given = [option for option in _OF_FOLDER if hasattr(a, option)]
+    refuse(a, given, "is of a folder of logs")
 
 
 def check_targets(a: argparse.Namespace) -> None:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from models.vehicle import Vehicle
 
 
+LOG_MINUTES = 60.0
+"""Most logs take seconds (docs/results.md): what takes so long hangs, or is far too long."""
 EXIT_CODES = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
 """Of commands that need every log."""
@@ -86,6 +88,18 @@ def add_folder_options(p: argparse.ArgumentParser) -> None:
     g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
     g.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files"
+    )
+    g.add_argument(
+        "--log-minutes",
+        type=float,
+        metavar="M",
+        help=f"give a log up after so long; --retry takes it up again (default: {LOG_MINUTES:g})",
+    )
+    g.add_argument(
+        "--log-gb",
+        type=float,
+        metavar="GB",
+        help="most memory for a log (default: a worker's share of the machine)",
     )
 
 

@@ -46,7 +46,7 @@ class Work:
         step = self._steps.get(ask.folder, "")
         done = len(list(ask.folder.glob("each/results/*.json")))
         if step and done:
-            return f"{step}: {done} done"
+            return f"{step}: {done} of {len(Drop(ask.folder.parents[1]).logs)} done"
         if step and ask.vehicle_text:
             return "the vehicle is drafted; looks what the model lacks"
         return step

@@ -135,7 +135,7 @@ def run(a: argparse.Namespace) -> int:
         given,
         of_logs,
         progress_bar,
-        refuse,
+        refuse_of_folder,
         write_answer,
     )
     from replay.diagnosis.amended_model import amended
@@ -151,7 +151,7 @@ def run(a: argparse.Namespace) -> int:
         return run_since(a)
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
-    refuse(a, ("vehicles", "watch"), "is of a folder of logs")
+    refuse_of_folder(a)
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())

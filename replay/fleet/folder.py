@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -23,12 +24,16 @@ from replay.command import check_declared, check_targets, given
 from replay.fleet.contents import contents
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page
-from replay.fleet.results import keep, known, logs_in, table
+from replay.fleet.results import Answers, keep, known, logs_in, table
 from replay.fleet.store import NAME, Store
 from replay.fleet.vehicles import Assigned, assign, named
+from replay.fleet.workers import USABLE_BYTES, Place
+from replay.pipeline_options import LOG_MINUTES
 
 SAY_EVERY_S = 30.0
 """Between two lines of a run whose output is redirected."""
+_NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
+"""Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
 _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
 """A draft has these already."""
 
@@ -37,16 +42,13 @@ _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
 class FolderAnswers:
     """What came of a folder."""
 
-    answers: list[dict[str, Any]]
+    answers: Answers
     """One a content, in order of name."""
+    bad: dict[Path, str]
+    """Logs that could not be used, and why."""
     notes: list[str]
     written: dict[str, str]
     """Table and page."""
-
-    @property
-    def bad(self) -> list[dict[str, Any]]:
-        """Those of logs that could not be used."""
-        return [answer for answer in self.answers if "error" in answer]
 
 
 def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) -> int:
@@ -54,11 +56,11 @@ def run_folder(a: argparse.Namespace, folder: Path, options: Mapping[str, Any]) 
     check_folder(a)
     paths, packed = logs_in(folder)
     found = answer_folder(a, folder, options, paths)
-    errors = [f"{answer['log']}: {answer['error']}" for answer in found.bad]
+    errors = [f"{log}: {error}" for log, error in found.bad.items()]
     for line in [*packed, *found.notes, *errors]:
         print(f"replay: {line}", file=sys.stderr)
     if a.json is not None:
-        write_json({"folder": str(folder), "logs": found.answers, **found.written}, a.json)
+        write_json({"folder": str(folder), "logs": list(found.answers), **found.written}, a.json)
     count = len(found.answers)
     if speaks(a):
         print(
@@ -78,6 +80,16 @@ def check_folder(a: argparse.Namespace) -> None:
         raise ConfigError(
             f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786"
         )
+    if a.scheduler is not None and a.workers is not None:
+        raise ConfigError(
+            "--workers: is of this machine, and --scheduler names a cluster, which has workers of "
+            "its own; leave one of them out"
+        )
+    for option, unit in (("log_minutes", "minutes"), ("log_gb", "GB")):
+        number = getattr(a, option)
+        if number is not None and not 0.0 < number < math.inf:
+            said = f"--{option.replace('_', '-')} {number:g}"
+            raise ConfigError(f"{said}: must be {unit} above 0")
     check_targets(a)
     check_declared(a.vehicle, a.model)
     if a.command == "diagnose":
@@ -105,7 +117,8 @@ def answer_folder(
     title = _title(a, folder)
     out = out_of(a, folder)
     make_folder("--out", out)
-    by_job: dict[Job, dict[str, Any]] = {}
+    done: list[Job] = []
+    failed: dict[Job, str] = {}
     with _store(a, out) as store:
         found = contents(paths, store)
         notes = [f"{copy}: is a copy of {first}" for copy, first in found.copies]
@@ -114,15 +127,21 @@ def answer_folder(
         jobs = _jobs(a, found.logs, options, assigned.files)
         try:
             for job, answer in _answers(a, out, jobs, store, assigned.drafts):
-                by_job[job] = answer
+                done.append(job)
+                if "error" in answer:
+                    failed[job] = answer["error"]
         except BaseException:
             # An interrupted run shows what it has; one that never began changes no table.
-            if by_job:
-                _write(a, out, title, by_job)
+            if done:
+                _write(a, out, title, Answers(out, done))
             raise
-    written = _write(a, out, title, by_job)
-    answers = [by_job[job] for job in jobs]
-    return FolderAnswers(answers=answers, notes=notes, written=written)
+    answers = Answers(out, jobs)
+    return FolderAnswers(
+        answers=answers,
+        bad={job.log: failed[job] for job in jobs if job in failed},
+        notes=notes,
+        written=_write(a, out, title, answers),
+    )
 
 
 def _jobs(
@@ -174,12 +193,21 @@ def _assigned(
         target_system=a.target_system,
         out=out.resolve(),
         store=store,
-        workers=_workers(a),
+        place=_place(a),
     )
 
 
-def _workers(a: argparse.Namespace) -> int:
-    return a.workers or len(os.sched_getaffinity(0))
+def _place(a: argparse.Namespace) -> Place:
+    """Here no more workers than fit into memory together, each with a long log."""
+    most_bytes = None if a.log_gb is None else 1e9 * a.log_gb
+    fitting = int(USABLE_BYTES / (most_bytes or _NEEDED_BYTES[a.command]))
+    wished = a.workers or len(os.sched_getaffinity(0))
+    return Place(
+        workers=max(min(wished, fitting), 1),
+        scheduler=a.scheduler,
+        most_s=60.0 * (a.log_minutes or LOG_MINUTES),
+        most_bytes=most_bytes,
+    )
 
 
 def _answers(
@@ -193,26 +221,27 @@ def _answers(
 
     ``drafts``: what the logs' vehicles are drafted from, by sha256.
     """
-    old = {job: _known(a, out, job) for job in jobs}
-    waiting = [job for job in jobs if old[job] is None]
-    told = [job for job in jobs if old[job] is not None]
+    waiting = []
+    for job in jobs:
+        old = _known(a, out, job)
+        if old is None:
+            waiting.append(job)
+        else:
+            _into(store, job, old)
+            yield job, old
+    told = len(jobs) - len(waiting)
     if told and speaks(a):
-        print(f"{len(jobs)} logs, {len(told)} of them known from before")
-    for job, answer in old.items():
-        if answer is not None:
-            _into(store, job, answer)
-            yield job, {**answer, "page": job.link}
-    if waiting:
-        working = work(waiting, _workers(a), a.scheduler)
-        for job, found in _counted(a, working, len(jobs), len(told)):
-            answer = dict(found)
-            if job.sha256 in drafts and "error" not in answer:
-                draft = drafts[job.sha256]
-                answer["vehicle"] = draft["vehicle"]
-                answer["notes"] = [*draft["notes"], *answer["notes"]]
-            keep(out, job, answer)
-            _into(store, job, answer)
-            yield job, {**answer, "page": job.link}
+        print(f"{len(jobs)} logs, {told} of them known from before")
+    working = work(waiting, _place(a))
+    for job, found in _counted(a, working, len(jobs), told):
+        answer = dict(found)
+        if job.sha256 in drafts and "error" not in answer:
+            draft = drafts[job.sha256]
+            answer["vehicle"] = draft["vehicle"]
+            answer["notes"] = [*draft["notes"], *answer["notes"]]
+        keep(out, job, answer)
+        _into(store, job, answer)
+        yield job, answer
 
 
 def _into(store: Store | None, job: Job, answer: Mapping[str, Any]) -> None:
@@ -269,11 +298,8 @@ def _counted(
             )
 
 
-def _write(
-    a: argparse.Namespace, out: Path, title: str, by_job: Mapping[Job, dict[str, Any]]
-) -> dict[str, str]:
+def _write(a: argparse.Namespace, out: Path, title: str, answers: Answers) -> dict[str, str]:
     """Table and page of the answers that are there."""
-    answers = list(by_job.values())
     target = (a.report or out) / "report.html"
     return {
         "table": str(write_document("--out", out / "table.csv", table(answers))),

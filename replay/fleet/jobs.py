@@ -1,31 +1,26 @@
-"""The work on one log of a folder: the command that one would type for it, in a process of its own, on any machine."""
+"""The work on one log of a folder: the command that one would type for it, in a process of a worker."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-import os
-import resource
-import subprocess
-import sys
 import time
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from models.common.arguments import installed_version
-from models.common.errors import TOO_LARGE, ConfigError
+from models.common.errors import TOO_LARGE
+from replay.fleet.workers import Lost, Place, died, results
 
 _EARLIEST_US = 1_100_000_000_000_000
 _LATEST_US = 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
-_USABLE_BYTES = 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-"""The rest of the machine's memory is for the system and the file cache."""
-_NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
-"""Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
 _DIGITS = 20
 """Of a hash, in the name of a file."""
 _MOST_LINES = 20
@@ -105,10 +100,6 @@ def content_hash(log: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-_running: list[subprocess.Popen[str]] = []
-"""Of this process."""
-
-
 def perform(job: Job) -> dict[str, Any]:
     """The answer of the command; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
     start = time.monotonic()
@@ -116,22 +107,10 @@ def perform(job: Job) -> dict[str, Any]:
         page = []
     else:
         page = [f"--report={job.page.parent}"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "replay", *job.words, *page, "--json=-", "--quiet"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={"OMP_NUM_THREADS": "1", **os.environ},  # one process a core is enough
-    )
-    _running.append(process)
-    # MemoryError rather than the kernel's killer.
-    resource.prlimit(process.pid, resource.RLIMIT_DATA, (int(_USABLE_BYTES),) * 2)
-    said, errors = process.communicate()
-    _running.remove(process)
-    if process.returncode:
-        line = error_text(errors.replace(f"{job.log}: ", ""), process.returncode).splitlines()[-1]
-        answer = {"error": line, "passing": process.returncode < 0 or TOO_LARGE in errors}
+    code, said, errors = _command([*job.words, *page, "--json=-", "--quiet"])
+    if code:
+        line = error_text(errors.replace(f"{job.log}: ", ""), code).splitlines()[-1]
+        answer = {"error": line, "passing": TOO_LARGE in errors}
         answer |= _identity(job)
     else:
         answer = json.loads(said)
@@ -139,13 +118,29 @@ def perform(job: Job) -> dict[str, Any]:
     return {**answer, **about(job), "wall_s": taken_s}
 
 
+def _command(words: Sequence[str]) -> tuple[int, str, str]:
+    """Exit code, output and errors of a command of ``replay`` within this process."""
+    # The command line of all commands imports this module.
+    from replay.cli import main
+
+    said = io.StringIO()
+    errors = io.StringIO()
+    with redirect_stdout(said), redirect_stderr(errors):
+        try:
+            code = main(words)
+        except SystemExit as end:  # of a wrong argument
+            code = int(end.code or 0)
+        except Exception:
+            return 1, "", traceback.format_exc()
+    return code, said.getvalue(), errors.getvalue()
+
+
 def _identity(job: Job) -> dict[str, Any]:
     """Which vehicle a log that is not judged is of; empty where it cannot be read at all."""
-    command = [sys.executable, "-m", "replay", "info", str(job.log), "--json=-", "--quiet"]
-    asked = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
-    if asked.returncode:
+    code, said, _ = _command(["info", str(job.log), "--json=-", "--quiet"])
+    if code:
         return {}
-    (told,) = json.loads(asked.stdout)
+    (told,) = json.loads(said)
     return {"identity": told["identity"]}
 
 
@@ -162,7 +157,7 @@ def about(job: Job) -> dict[str, Any]:
 def error_text(stderr: str, code: int) -> str:
     """What a command of ``replay`` that failed says to a person."""
     if code < 0:
-        return f"its process died (signal {-code}): probably too little memory"
+        return died(code)
     lines = [line for line in stderr.splitlines() if line.strip()]
     if lines and lines[0].startswith("Traceback"):
         return f"the program broke ({lines[-1]}); please report it"
@@ -172,46 +167,13 @@ def error_text(stderr: str, code: int) -> str:
     )
 
 
-def work(
-    jobs: Sequence[Job], workers: int, scheduler: str | None
-) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Answers in the order in which they come, of processes of this machine or of a Dask cluster."""
-    with _pool(jobs[0].words[0], workers, scheduler) as pool:
-        futures = {pool.submit(perform, job): job for job in jobs}
-        try:
-            for future in as_completed(futures):
-                job = futures[future]
-                problem = future.exception()
-                if problem is None:
-                    yield job, future.result()
-                else:  # a worker of the cluster died with it
-                    error = f"its worker failed ({type(problem).__name__}: {problem})"
-                    yield job, {"error": error, "passing": True, **about(job)}
-        finally:
-            for future in futures:
-                future.cancel()
-            for process in list(_running):
-                process.terminate()
-
-
-def _pool(command: str, workers: int, scheduler: str | None) -> Executor:
-    """Here no more at a time than fit into memory together, each taken for a long log.
-
-    The workers of a cluster must see the logs under the same paths, and have this package.
-    """
-    if scheduler is None:
-        return ThreadPoolExecutor(max(min(workers, int(_USABLE_BYTES / _NEEDED_BYTES[command])), 1))
-    try:
-        from distributed import Client
-
-        pool: Executor = Client(scheduler, timeout="10s").get_executor(pure=False, retries=1)
-    except ImportError:
-        raise ConfigError(
-            "--scheduler: needs the package distributed: pip install 'corner-compensator[cluster]'"
-        ) from None
-    except (OSError, TimeoutError, ValueError) as error:
-        raise ConfigError(f"--scheduler {scheduler}: no Dask scheduler there ({error})") from None
-    return pool
+def work(jobs: Sequence[Job], place: Place) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Answers in the order in which they come. A log that exceeds a limit fails for a passing reason."""
+    for job, found in results(perform, {job: job for job in jobs}, place):
+        if isinstance(found, Lost):
+            yield job, {"error": found.why, "passing": True, **about(job)}
+        else:
+            yield job, found
 
 
 def recorded(path: Path) -> dict[str, str]:

@@ -13,11 +13,25 @@ from replay.rerun.page import lasted, to_mend
 
 _COMMON = 0.5
 """Share of the judged logs from which an effect belongs to the vehicle rather than to single flights."""
+_SHOWN = (
+    "log",
+    "date",
+    "page",
+    "error",
+    "verdict",
+    "effects",
+    "aliases",
+    "duration_s",
+    "compensated_s",
+    "refusals_s",
+)
+"""Of an answer; the rest takes memory."""
 Answer = Mapping[str, Any]
 
 
-def page(title: str, answers: Sequence[Answer]) -> str:
+def page(title: str, found: Sequence[Answer]) -> str:
     """The whole page."""
+    answers = [_shown_of(answer) for answer in found]
     good = [a for a in answers if "error" not in a]
     diagnosed = any("verdict" in a for a in answers)
     head, step = _diagnosed(good) if diagnosed else _replayed(good)
@@ -37,6 +51,14 @@ def page(title: str, answers: Sequence[Answer]) -> str:
         if diagnosed
         else ("log", "compensated", "main reason for no offset"),
     )
+
+
+def _shown_of(answer: Answer) -> dict[str, Any]:
+    """What the page looks at; of effects the names."""
+    out = {name: answer[name] for name in _SHOWN if name in answer}
+    if "effects" in answer:
+        out["effects"] = [{"name": effect["name"]} for effect in answer["effects"]]
+    return out
 
 
 def _diagnosed(judged: Sequence[Answer]) -> tuple[str, str]:

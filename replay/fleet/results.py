@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from models.common.errors import LogError
 from models.common.pages.document import write_document
@@ -84,6 +84,33 @@ def _file(out: Path, job: Job) -> Path:
     return out / "results" / f"{job.name}.json"
 
 
+class Answers(Sequence[dict[str, Any]]):
+    """To jobs that are done, each read when it is looked at: memory holds one, of however many logs."""
+
+    def __init__(self, out: Path, jobs: Sequence[Job]) -> None:
+        self._out = out
+        self._jobs = jobs
+
+    def __len__(self) -> int:
+        return len(self._jobs)
+
+    @overload
+    def __getitem__(self, place: int) -> dict[str, Any]: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[dict[str, Any]]: ...
+    def __getitem__(self, place: int | slice) -> dict[str, Any] | Sequence[dict[str, Any]]:
+        """Where the log lies today, and the link to its page. An answer that somebody deleted is an error."""
+        if isinstance(place, slice):
+            return Answers(self._out, self._jobs[place])
+        job = self._jobs[place]
+        answer = known(self._out, job) or {
+            "error": "its answer is gone",
+            "date": "",
+            "sha256": job.sha256,
+        }
+        return {**answer, "log": str(job.log), "page": job.link}
+
+
 def row(answer: dict[str, Any]) -> dict[str, Any]:
     """Columns by their place in the JSON: ``axes.Fz.rms_before``, ``effects.payload.probability`` …"""
     effects: dict[str, Any] = {}
@@ -108,11 +135,12 @@ def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
 
 def table(answers: Sequence[dict[str, Any]]) -> str:
     """As CSV: a row a log, a column a name, empty where a log lacks it."""
-    rows = [row(answer) for answer in answers]
+    columns: dict[str, None] = {}
+    for answer in answers:
+        columns |= dict.fromkeys(row(answer))
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(
-        text, list(dict.fromkeys(name for r in rows for name in r)), lineterminator="\n"
-    )
+    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    for answer in answers:
+        writer.writerow(row(answer))
     return text.getvalue()

@@ -123,6 +123,8 @@ def _prepare(file: Path, connection: sqlite3.Connection) -> None:
                 "another --out"
             )
     connection.execute("PRAGMA journal_mode = WAL")
+    # A kill loses nothing; a power cut may lose the last answers, which their files still hold.
+    connection.execute("PRAGMA synchronous = NORMAL")
     connection.executescript(_TABLES)
     with connection:
         connection.execute("INSERT OR IGNORE INTO meta VALUES ('schema', ?)", (str(SCHEMA),))

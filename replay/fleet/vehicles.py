@@ -7,29 +7,25 @@ are then answered again, so that a folder that grows by a log a day does not ans
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
-from multiprocessing import get_context
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from companion.vehicles import chosen_vehicle
 from models.common.errors import ConfigError, UserError
 from models.common.text_file import make_folder, write_text
 from replay.fleet.store import Store
+from replay.fleet.workers import Lost, Place, results
 from replay.identity import VehicleIdentity
 from replay.logs.formats import load
 from replay.vehicle.draft import LOGS, draft
 from replay.vehicle.given import Given
 from replay.vehicle.identity import identity
 
-R = TypeVar("R")
 FOLDER = "vehicles"
 """Of the drafts, below the answers."""
-_TASKS_A_PROCESS = 50
-"""Then its memory goes back."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +47,10 @@ def assign(
     target_system: int | None,
     out: Path,
     store: Store,
-    workers: int,
+    place: Place,
 ) -> Assigned:
     """``logs`` by sha256; ``given_files`` by the names of ``named``."""
-    known = _identities(logs, target_system, store, workers)
+    known = _identities(logs, target_system, store, place)
     files = {}
     groups: dict[str, list[str]] = {}
     used = set()
@@ -69,7 +65,7 @@ def assign(
     drafts = {}
     for name, group in groups.items():
         drafts[name] = [logs[sha256] for sha256 in group]
-    made, failed = _drafted(drafts, given, target_system, out / FOLDER, store, workers)
+    made, failed = _drafted(drafts, given, target_system, out / FOLDER, store, place)
     said = {row["name"]: json.loads(row["facts"]) for row in store.rows("SELECT * FROM drafts")}
     told = {}
     for name, file in made.items():
@@ -109,7 +105,7 @@ def shared_name(who: VehicleIdentity) -> str | None:
 
 
 def _identities(
-    logs: Mapping[str, Path], target_system: int | None, store: Store, workers: int
+    logs: Mapping[str, Path], target_system: int | None, store: Store, place: Place
 ) -> dict[str, VehicleIdentity]:
     """Of all logs that can be read; each is read once."""
     out = {}
@@ -123,12 +119,11 @@ def _identities(
                 parameters=row["parameters"],
             )
     unread = {sha256: log for sha256, log in logs.items() if sha256 not in out}
-    with _pool(workers, len(unread)) as pool:
-        waiting = {pool.submit(_identity, log, target_system): sha for sha, log in unread.items()}
-        for sha256, who in _results(waiting):
-            if isinstance(who, VehicleIdentity):
-                out[sha256] = who
-                store.put("identities", [(sha256, *who.as_json().values())])
+    asked = partial(_identity, target_system=target_system)
+    for sha256, who in results(asked, unread, place):
+        if isinstance(who, VehicleIdentity):
+            out[sha256] = who
+            store.put("identities", [(sha256, *who.as_json().values())])
     return {sha256: out[sha256] for sha256 in logs if sha256 in out}
 
 
@@ -147,7 +142,7 @@ def _drafted(
     target_system: int | None,
     folder: Path,
     store: Store,
-    workers: int,
+    place: Place,
 ) -> tuple[dict[str, Path], list[str]]:
     """Vehicle files by name, and a line for every vehicle that cannot be drafted."""
     said = repr(given)
@@ -163,52 +158,37 @@ def _drafted(
     failed = []
     if wanted:
         make_folder("--out", folder)
-    with _pool(workers, len(wanted)) as pool:
-        waiting = {}
-        for name, logs in wanted.items():
-            waiting[pool.submit(_draft, logs, given, target_system, out[name])] = name
-        for name, done in _results(waiting):
-            if done is not None and done.facts:
-                store.put("drafts", [(name, min(len(wanted[name]), LOGS), said, done.facts)])
-            else:
-                del out[name]
-                why = "its process died" if done is None else done.problem
-                failed.append(f"{name}: has no draft of its own ({why}); each log is drafted alone")
+    asked = partial(_draft, given=given, target_system=target_system)
+    tasks = {name: (logs, out[name]) for name, logs in wanted.items()}
+    of_draft = replace(place, most_s=LOGS * place.most_s)
+    for name, done in results(asked, tasks, of_draft):
+        if isinstance(done, _Drafted):
+            store.put("drafts", [(name, min(len(wanted[name]), LOGS), said, done.facts)])
+        else:
+            del out[name]
+            failed.append(
+                f"{name}: has no draft of its own ({done.why}); each log is drafted alone"
+            )
     return out, failed
 
 
 @dataclass(frozen=True)
 class _Drafted:
-    """What came of a draft."""
+    """A vehicle file that is written."""
 
-    facts: str = ""
+    facts: str
     """As JSON."""
-    problem: str = ""
 
 
-def _draft(logs: Sequence[Path], given: Given, target_system: int | None, file: Path) -> _Drafted:
+def _draft(
+    task: tuple[Sequence[Path], Path], given: Given, target_system: int | None
+) -> _Drafted | Lost:
     """Write the vehicle file of some logs."""
+    logs, file = task
     try:
         made = draft(logs, given, target_system)
         write_text("--out", file, made.as_toml())
     except (UserError, MemoryError) as error:
-        return _Drafted(problem=str(error) or "too little memory")
+        return Lost(str(error) or "too little memory")
     told = {"vehicle": made.as_json(), "notes": list(made.notes)}
-    return _Drafted(facts=json.dumps(told))
-
-
-def _pool(workers: int, tasks: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(
-        max(min(workers, tasks), 1),
-        mp_context=get_context("spawn"),
-        max_tasks_per_child=_TASKS_A_PROCESS,
-    )
-
-
-def _results(waiting: Mapping[Future[R], str]) -> Iterable[tuple[str, R | None]]:
-    """As they come; None where a process died."""
-    for future in as_completed(waiting):
-        try:
-            yield waiting[future], future.result()
-        except BrokenProcessPool:
-            yield waiting[future], None
+    return _Drafted(json.dumps(told))

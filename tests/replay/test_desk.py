@@ -329,6 +329,20 @@ def test_what_is_no_log_is_refused_in_one_line(idle, name, word):
     assert len(reply.text.splitlines()) == 1
 
 
+def test_a_season_says_how_far_it_is(tmp_path):
+    drop = Drop(tmp_path / "drop")
+    ask = Ask(drop.folder / "asks" / "1")
+    answers = ask.folder / "each" / "results"
+    for place in (drop.folder / "logs", answers):
+        place.mkdir(parents=True)
+    for name in "abc":
+        (drop.folder / "logs" / f"{name}.tlog").touch()
+    (answers / "x.json").touch()
+    work = Work()
+    work._steps[ask.folder] = "reads the logs"
+    assert work.step(ask) == "reads the logs: 1 of 3 done"
+
+
 def test_what_is_too_large_is_refused_with_and_without_an_announced_size(idle, desk):
     page = drop(idle)
     parts = (b"x" * 1_000_000 for _ in range(4))

@@ -19,7 +19,8 @@ from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform, work
 from replay.fleet.page import common_effects
-from replay.fleet.results import keep, known, logs_in, table
+from replay.fleet.results import Answers, keep, known, logs_in, table
+from replay.fleet.workers import Place
 
 DAY_US = 86_400_000_000
 
@@ -217,7 +218,7 @@ def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     jobs = [
         Job.of("run", tmp_path / "a.tlog", {"--model": model}) for model in ("/no/such/model", None)
     ]
-    answers = dict(work(jobs, 2, None))
+    answers = dict(work(jobs, Place(workers=2, most_s=HANG_S)))
     assert "/no/such/model" in answers[jobs[0]]["error"]
     assert answers[jobs[1]]["decisions"] > 0
     # A python that cannot even start: the process dies, and says so.
@@ -225,7 +226,7 @@ def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     dies.write_text("#!/bin/sh\nkill -9 $$\n")
     dies.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(dies))
-    (answer,) = [a for _, a in work(jobs[1:], 1, None)]
+    (answer,) = [a for _, a in work(jobs[1:], Place(workers=1, most_s=HANG_S))]
     assert "process died (signal 9)" in answer["error"]
 
 
@@ -258,6 +259,20 @@ def test_interrupted_folder_keeps_what_was_done(folder, tmp_path):
     (tmp_path / "results" / "x.part").write_text('{"half')
     assert known(tmp_path, jobs[0])["decisions"] > 0
     assert known(tmp_path, jobs[1]) is None
+
+
+def test_answers_are_read_when_they_are_looked_at(folder, tmp_path):
+    jobs = [Job.of("run", p, {}) for p in logs_in(folder)[0]]
+    answers = Answers(tmp_path, jobs)
+    for number, job in enumerate(jobs):
+        keep(tmp_path, job, {"log": "where it was", "duration_s": float(number)})
+    assert [a["duration_s"] for a in answers] == [0.0, 1.0, 2.0]
+    assert answers[1]["log"] == str(jobs[1].log), "where it lies today"
+    keep(tmp_path, jobs[1], {"log": "", "duration_s": 7.0})
+    assert [a["duration_s"] for a in answers[1:]] == [7.0, 2.0], "none is held in memory"
+    (tmp_path / "results" / f"{jobs[2].name}.json").unlink()
+    assert answers[2]["error"] == "its answer is gone"
+    assert len(table(answers).splitlines()) == 4
 
 
 def test_dask_does_the_same_work(folder, tmp_path, capsys):
@@ -317,3 +332,38 @@ def test_stamps_of_another_millennium_and_joined_logs_are_no_hindrance(tmp_path)
         assert answer["decisions"] > 100
         assert answer["date_from"] == date_from
         assert answer["date"].startswith("20")
+
+
+@pytest.mark.slow
+def test_a_log_that_takes_too_long_fails_for_a_passing_reason(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    asked = ["run", str(folder), "--out", str(out), "--json", "-"]
+    assert main([*asked, "--log-minutes", "0.001"]) == 3
+    answers = json.loads(capsys.readouterr().out)["logs"]
+    assert [a["passing"] for a in answers] == [True] * 3
+    assert all("took more than 0.001 min" in a["error"] for a in answers)
+    assert main(asked) == 3, "known from before"
+    capsys.readouterr()
+    assert main([*asked, "--retry"]) == 0
+    answers = json.loads(capsys.readouterr().out)["logs"]
+    assert sorted("error" in a for a in answers) == [False, False, True]
+
+
+def test_a_log_that_needs_more_memory_than_its_share_fails_for_a_passing_reason(folder):
+    small = Place(workers=1, most_s=HANG_S, most_bytes=50e6)
+    ((_, answer),) = work([Job.of("run", folder / "a.tlog", {})], small)
+    assert answer["passing"]
+    assert "memory" in answer["error"]
+
+
+def test_options_without_effect_and_limits_that_are_none_are_refused(folder, capsys):
+    log = str(folder / "a.tlog")
+    assert main(["run", str(folder), "--scheduler", "tcp://a:1", "--workers", "2"]) == 2
+    assert "--workers: is of this machine" in capsys.readouterr().err
+    for option in (["--log-minutes", "0"], ["--log-gb", "-1"], ["--log-gb", "nan"]):
+        assert main(["run", str(folder), *option]) == 2
+        assert option[0] in capsys.readouterr().err
+    for command in ("run", "diagnose"):
+        for option in (["--workers", "0"], ["--retry"], ["--scheduler", "tcp://a:1"]):
+            assert main([command, log, *option]) == 2
+            assert f"{option[0]}: is of a folder of logs" in capsys.readouterr().err
