@@ -17,7 +17,6 @@ from replay.search.evidence import Fit
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.posterior import Walked, aliases, class_of
 from replay.search.regimes import LEAST_S, regimes
-from replay.search.remainder import beside_surfaces
 from replay.search.significance import top
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
@@ -151,11 +150,9 @@ def summarise(walked: Walked) -> Searched:
     and last what raises the error of held-out time. Each takes the best set of the pass before and gives its own;
     probabilities are those of the sets that remain.
     """
-    bare, fits = _helpful(with_others(_predictive(walked)))
+    bare, _ = _helpful(with_others(_predictive(walked)))
     others = aliases(bare)
-    if not _lawful(bare, fits):
-        bare = with_surface_law(bare)
-    walked, fits, without = _acting(bare)
+    walked, fits, without = _acting(with_surface_law(bare))
     chosen = [t for t in walked.best.terms if t.effect is not None]
     groups: dict[tuple[str, int], list[Term]] = {}
     for t in chosen:
@@ -169,14 +166,6 @@ def summarise(walked: Walked) -> Searched:
         visible=visible(walked),
         left_out=walked.left_out,
     )
-
-
-def _lawful(walked: Walked, fits: Sequence[FlightFit]) -> bool:
-    """Whether laws of the surfaces are in the best set and leave nothing beside them for a map to explain."""
-    corrected = corrected_together(walked.evidence.library.remainders)
-    if not any(t.name in corrected for t in walked.best.terms):
-        return False
-    return not any(beside_surfaces(f.record, f.after - f.beside) for f in fits)
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:

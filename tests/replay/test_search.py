@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -943,28 +942,6 @@ def test_lift_without_its_moment_is_no_weak_fan(quiet: Record) -> None:
     effects = some("fan_imbalance", "cg_offset")
     assert names(search(replace(weak, residual=lift_alone), effects)) == set()
     assert names(search(weak, effects)) == {"fan_imbalance"}
-
-
-@pytest.mark.parametrize(("left_n", "needed"), [(0.0, False), (2.0, True)])
-def test_a_law_of_a_surface_is_corrected_only_where_it_leaves_something(
-    quiet: Record, left_n: float, needed: bool
-) -> None:
-    near = np.full_like(quiet.context.state.d_m, 0.3)
-    far = np.full_like(quiet.context.state.h_m, np.inf)
-    record = with_context(quiet, state=replace(quiet.context.state, d_m=near, h_m=far))
-    left = np.zeros_like(record.residual)
-    left[:, 0] = left_n
-    fit = SimpleNamespace(record=record, after=left, beside=np.zeros_like(left))
-    library = SimpleNamespace(remainders=[get("surface_law")])
-    law = SimpleNamespace(name="wall_effect")
-
-    def walked(*terms: object) -> object:
-        return SimpleNamespace(
-            best=SimpleNamespace(terms=terms), evidence=SimpleNamespace(library=library)
-        )
-
-    assert results._lawful(walked(law), [fit]) is not needed
-    assert not results._lawful(walked(), [fit])
 
 
 def late(record: Record, load_kg: float, delay_s: float) -> Record:
