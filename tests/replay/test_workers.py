@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import wait
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -227,13 +228,27 @@ def test_a_cluster_of_another_version_is_refused(
 
 
 @pytest.mark.slow
-def test_a_lost_scheduler_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_lost_scheduler_is_one_line(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed (extra: cluster)")
-    address = f"tcp://127.0.0.1:{free_port()}"
-    command = [sys.executable, "-m", "dask", "scheduler", "--port", address[-5:]]
+    port = free_port()
+    command = [sys.executable, "-m", "dask", "scheduler", "--port", str(port)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen([*command, "--dashboard-address", ":0"], **quiet) as scheduler:
-        threading.Timer(15.0, scheduler.kill).start()
+
+        def lost(*futures: Any, **options: Any) -> Any:
+            scheduler.kill()
+            return wait(*futures, **options)
+
+        monkeypatch.setattr(workers, "wait", lost)
+        assert within(lambda: answers(port), HANG_S)
         with pytest.raises(ConfigError, match="went away; the same command goes on"):
-            list(results(abs, {0: 0}, here(scheduler=address)))
+            list(results(abs, {0: 0}, here(scheduler=f"tcp://127.0.0.1:{port}")))
     assert "Traceback" not in capfd.readouterr().err
+
+
+def answers(port: int) -> bool:
+    """Whether somebody listens there."""
+    with socket.socket() as sock:
+        return sock.connect_ex(("127.0.0.1", port)) == 0
