@@ -117,19 +117,22 @@ class Diagnosis(Searched):
         flight is in no other.
         """
         joint = corrected_together(f.effect for f in self.found)
-        return tuple(
-            self._as_found(f)
-            if f.effect.name in joint
-            else to_adopt(
-                f.effect,
-                f.fitted,
-                self.records[f.flight].context,
-                f.without,
-                doubt=self.of_one_wind,
-            )
-            for f in self.found
-            if not f.ended
-        )
+        out = []
+        for found in self.found:
+            if found.ended:
+                continue
+            if found.effect.name in joint:
+                adopted = self._as_found(found)
+            else:
+                adopted = to_adopt(
+                    found.effect,
+                    found.fitted,
+                    self.records[found.flight].context,
+                    found.without,
+                    doubt=self.of_one_wind,
+                )
+            out.append(adopted)
+        return tuple(out)
 
     def _as_found(self, found: Found) -> AdoptedEffect:
         coverage = found.effect.in_flight.coverage

@@ -32,9 +32,6 @@ def page(
 ) -> str:
     """The whole page. ``model_faults``: ``channel`` and ``what`` of a model or vehicle file of another vehicle."""
     step = next_step(answer, model_faults)
-    first = next(
-        (c for c in answer.channels if all(c.name in r.channels for r in answer.records)), None
-    )
     return render(
         "diagnosis.html",
         answer=answer,
@@ -46,22 +43,10 @@ def page(
         effects=[
             (f, size_words(f, answer), effect_picture(f, answer.traces)) for f in answer.found
         ],
-        axes=[
-            (
-                AXIS_WORDS[i],
-                AXES[i],
-                unit_words(answer.unit(i)[1]),
-                _pooled(answer, i, after=False),
-                _pooled(answer, i, after=True),
-            )
-            for i in range(6)
-            if any(i in r.axes for r in answer.records)
-        ],
+        axes=_axis_rows(answer),
         carriers=[(channel_words(c.name), c.axis, f"{c.score:.0%}") for c in answer.channels],
-        remainder="" if first is None else "".join(against(t, first) for t in answer.traces),
-        outside=[
-            f"{t.record.name}: {answer.outside_words(o)}" for t in answer.traces for o in t.outside
-        ],
+        remainder=_remainder(answer),
+        outside=_outside_lines(answer),
         pictures=[(t.record.name, series(t)) for t in answer.traces],
         certainty=certainty,
         class_text=class_text,
@@ -76,7 +61,41 @@ def page(
     )
 
 
-def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float, float]:
+Measured = tuple[float, float, float]
+"""An RMS and its interval."""
+
+
+def _axis_rows(answer: Diagnosis) -> list[tuple[str, str, str, Measured, Measured]]:
+    """Of every judged axis its words, name and unit, and what was left before and after."""
+    rows = []
+    judged = set[int]()
+    for record in answer.records:
+        judged.update(record.axes)
+    for axis in sorted(judged):
+        _, unit = answer.unit(axis)
+        before = _pooled(answer, axis, after=False)
+        after = _pooled(answer, axis, after=True)
+        rows.append((AXIS_WORDS[axis], AXES[axis], unit_words(unit), before, after))
+    return rows
+
+
+def _remainder(answer: Diagnosis) -> str:
+    """Pictures of the first channel that carries what is left, where every flight has it."""
+    for channel in answer.channels:
+        if all(channel.name in record.channels for record in answer.records):
+            return "".join(against(trace, channel) for trace in answer.traces)
+    return ""
+
+
+def _outside_lines(answer: Diagnosis) -> list[str]:
+    lines = []
+    for trace in answer.traces:
+        for outside in trace.outside:
+            lines.append(f"{trace.record.name}: {answer.outside_words(outside)}")
+    return lines
+
+
+def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> Measured:
     """RMS of one axis over the flights that judge it, with its interval."""
     judged = [t for t in answer.traces if axis in t.record.axes]
     factor, _ = answer.unit(axis)

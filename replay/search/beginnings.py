@@ -69,7 +69,14 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
 def log_chance(record: Record, times: tuple[float, float]) -> float:
     """Log prior of a beginning and an end: each is at any time of the flight, ``ABOUT_S`` long, or there is none."""
     there = math.log(CHANCE * ABOUT_S / max(record.seconds, ABOUT_S))
-    return sum(there if time > NONE_S else math.log(1.0 - CHANCE) for time in times)
+    none = math.log(1.0 - CHANCE)
+    chance = 0.0
+    for time in times:
+        if time > NONE_S:
+            chance += there
+        else:
+            chance += none
+    return chance
 
 
 def _products(record: Record, wrench: Array) -> tuple[Array, Array]:

@@ -93,6 +93,11 @@ class Fit:
         """Keys of its terms."""
         return frozenset(t.key for t in self.terms)
 
+    @property
+    def effects(self) -> set[str]:
+        """Names of its effects."""
+        return {t.name for t in self.terms if t.effect is not None}
+
     def part(self, term: Term) -> slice:
         """Where a term's coefficients stand in ``b``."""
         start = sum(len(t.columns) for t in self.terms[: self.terms.index(term)])
@@ -114,9 +119,10 @@ class Evidence:
         self._white: dict[tuple[int, int], Whitened] = {}
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         channels = library.channels
-        self._det = np.array(
-            [[s.log_determinant(c.run) for s in self.spectra] for c in channels]
-        ).reshape(-1, len(self.spectra))
+        determinants = []
+        for channel in channels:
+            determinants.append([s.log_determinant(channel.run) for s in self.spectra])
+        self._det = np.array(determinants).reshape(-1, len(self.spectra))
         self._counts = np.array([c.count for c in channels])
         share = np.array([s.slow_share for s in self.spectra])
         slower = np.maximum(np.array([s.slow_s for s in self.spectra]) / GUST_S, 1.0)

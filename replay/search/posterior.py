@@ -97,11 +97,7 @@ class Walked:
         if effect is not None and effect.search.remainder:
             return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
         wanted = {name, *aliases}
-        p = sum(
-            w
-            for f, w in self.weighted()
-            if wanted & {t.name for t in f.terms if t.effect is not None}
-        )
+        p = sum(w for f, w in self.weighted() if wanted & f.effects)
         return round(min(p, SURE), 3)
 
     def why_not(self, name: str) -> str:
@@ -136,11 +132,9 @@ def aliases(walked: Walked) -> dict[Key, list[str]]:
         few = 0 < len(gone) <= 2 and 0 < len(new) <= 2
         if few and fit.score >= best.score - ALIAS_NATS and all(t.effect is not None for t in new):
             for key in gone:
-                out[key] += [
-                    name
-                    for name in sorted({t.name for t in new})
-                    if name not in (key[0], *out[key])
-                ]
+                for name in sorted({t.name for t in new}):
+                    if name not in (key[0], *out[key]):
+                        out[key].append(name)
     return out
 
 
@@ -156,7 +150,7 @@ def class_of(
     name = effect.name
     chances = dict.fromkeys((name, *instead), 0.0)
     for fit, weight in walked.weighted():
-        names = {t.name for t in fit.terms if t.effect is not None}
+        names = fit.effects
         if name in names:
             acting = [name]
         else:

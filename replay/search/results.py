@@ -192,7 +192,7 @@ def _predictive(walked: Walked) -> Walked:
     """
     likeliest: dict[frozenset[str], Fit] = {}
     for fit in (walked.best, *walked.ranked()):
-        names = frozenset(t.name for t in fit.terms if t.effect is not None)
+        names = frozenset(fit.effects)
         more = any(other < names for other in likeliest)
         if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS and not more:
             likeliest.setdefault(names, fit)
@@ -204,10 +204,18 @@ def _predictive(walked: Walked) -> Walked:
     return walked.at_most(chosen)
 
 
+def _judged(fits: Sequence[FlightFit]) -> list[int]:
+    """Axes that some flight can judge."""
+    axes = set[int]()
+    for f in fits:
+        axes.update(f.record.axes)
+    return sorted(axes)
+
+
 def _left(fits: Sequence[FlightFit]) -> float:
     """Energy of held-out time beside a set; of an axis that it makes worse, as without it: it will not act there."""
     total = 0.0
-    for axis in sorted({axis for f in fits for axis in f.record.axes}):
+    for axis in _judged(fits):
         before = sum(f.energy(f.before, [axis]) for f in fits)
         after = sum(f.energy(f.after, [axis]) for f in fits)
         total += min(before, after)
@@ -268,8 +276,7 @@ def _carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
 
 def _worse_axes(fits: Sequence[FlightFit]) -> list[int]:
     """Axes of which all effects together raise the error of held-out time."""
-    axes = sorted({axis for f in fits for axis in f.record.axes})
-    return [axis for axis in axes if _raised(fits, axis) > WORSE_SHARE]
+    return [axis for axis in _judged(fits) if _raised(fits, axis) > WORSE_SHARE]
 
 
 def _raised(fits: Sequence[FlightFit], axis: int) -> float:
@@ -292,7 +299,7 @@ def _by_axis(
     while True:
         gains = {
             (key, axis): _share(fits, key, [axis])
-            for axis in sorted({axis for f in fits for axis in f.record.axes})
+            for axis in _judged(fits)
             for key in keys
             if AXES[axis] not in without.get(key, ())
         }
@@ -342,6 +349,7 @@ def _found(
     main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
     sign = max((e.sign_probability for e in on[flight].fitted if e.name in main), default=1.0)
     members = class_of(walked, term.named, instead)
+    keys = {t.key for t in terms}
     return Found(
         effect=term.named,
         fitted=on[flight].fitted,
@@ -352,7 +360,7 @@ def _found(
         aliases=instead,
         flight=flight,
         without=without.get(term.key, ()),
-        confirmed_by=tuple(f.index for f in fits if any(t.key in f.confirms for t in terms)),
+        confirmed_by=tuple(f.index for f in fits if not keys.isdisjoint(f.confirms)),
         of_flight={i: f.effects[t.key].parameters for i, (t, f) in acts.items()},
         said_of_flight={i: one.said for i, one in on.items()},
         small=all(_small(f, t.key) for t, f in acts.values()),

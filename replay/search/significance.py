@@ -38,9 +38,11 @@ class Contributions:
         every = np.vstack([design.of_term, ~design.of_term.any(axis=0)])
         done = design.times(np.where(every, b, 0.0))
         self.whole = [d[:, :-1] for d in done]
-        measured = (np.stack([c.rows[0] for c in axes]) for axes in design.library.flights)
-        self.rest = [y - d.sum(axis=1) for y, d in zip(measured, done, strict=True)]
+        self.rest = []
         """What the set leaves of every axis."""
+        for axes, does in zip(design.library.flights, done, strict=True):
+            measured = np.stack([c.rows[0] for c in axes])
+            self.rest.append(measured - does.sum(axis=1))
 
     @cached_property
     def main(self) -> list[Array]:
@@ -131,10 +133,7 @@ def standing(u: Contributions) -> Array:
     if not u.design.terms:
         return np.empty(0)
     sizes = tops(u, u.main)
-    form = np.array(
-        [CURVE_FORM if t.effect is None else t.effect.search.form for t in u.design.terms]
-    )
-    left = (sizes * form[:, None]) ** 2
+    left = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
     channels = u.design.library.channels
     open_ = np.concatenate(
         [slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)]
@@ -148,6 +147,17 @@ def standing(u: Contributions) -> Array:
     )
     large[np.ix_(by_moment, force)] = 0.0
     return np.asarray(large.max(axis=1))
+
+
+def _errors_of_form(terms: Sequence[Term]) -> Array:
+    """What every term (terms,) may leave by its form, as a share of its own."""
+    errors = []
+    for term in terms:
+        if term.effect is None:
+            errors.append(CURVE_FORM)
+        else:
+            errors.append(term.effect.search.form)
+    return np.array(errors)
 
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:
@@ -186,7 +196,8 @@ def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
     """
     if not terms:
         return 0.0
-    low, high = (np.concatenate(v) for v in zip(*((t.low, t.high) for t in terms), strict=True))
+    low = np.concatenate([t.low for t in terms])
+    high = np.concatenate([t.high for t in terms])
     k = len(low)
     sd = np.sqrt(np.diag(cov)[:k])
     return float(log_mass(low, high, b[:k], sd).sum()) - sum(t.log_within for t in terms)

@@ -165,11 +165,14 @@ def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[floa
 
     A shape v has exp(-1/2 sum (v_i / typical_i)^2) over the sum of all that are kinds, or of all that are not.
     """
-    named = [list(zip(s, effect.shapes, strict=True)) for s in shapes]
-    kind = np.array([any(v in p.kinds for v, p in values) for values in named])
-    weight = np.exp(
-        [-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical) for values in named]
-    )
+    kinds = []
+    exponents = []
+    for shape in shapes:
+        values = list(zip(shape, effect.shapes, strict=True))
+        kinds.append(any(v in p.kinds for v, p in values))
+        exponents.append(-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical))
+    kind = np.array(kinds)
+    weight = np.exp(exponents)
     for part in (kind, ~kind):
         if part.any():
             weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()
