@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import runpy
+import sys
 import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
@@ -120,18 +122,20 @@ def perform(job: Job) -> dict[str, Any]:
 
 def _command(words: Sequence[str]) -> tuple[int, str, str]:
     """Exit code, output and errors of a command of ``replay`` within this process."""
-    # The command line of all commands imports this module.
-    from replay.cli import main
-
     said = io.StringIO()
     errors = io.StringIO()
+    typed = sys.argv
+    sys.argv = ["replay", *words]
     with redirect_stdout(said), redirect_stderr(errors):
         try:
-            code = main(words)
-        except SystemExit as end:  # of a wrong argument
+            runpy.run_module("replay", run_name="__main__")
+            code = 0
+        except SystemExit as end:
             code = int(end.code or 0)
         except Exception:
             return 1, "", traceback.format_exc()
+        finally:
+            sys.argv = typed
     return code, said.getvalue(), errors.getvalue()
 
 

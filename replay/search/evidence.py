@@ -226,11 +226,14 @@ class Evidence:
         return within + worth(Contributions(design, b, cov))
 
     def stands_out(self, fit: Fit, term: Term) -> float:
-        """How far a further term would do so, beside a set and its noise: 1 is just enough to be named."""
+        """How far a further term would do so, beside a set and its noise: 1 is just enough to be named.
+
+        Wherever its coefficients are: of several shapes the first may be one that is not possible.
+        """
         terms = (*fit.terms, term)
         design = self._design(terms)
         u = Contributions(design, *self._posterior(design, fit.noise))
-        return float(standing(u)[-1])
+        return float(standing(u, u.anywhere)[-1])
 
     @staticmethod
     def possible(terms: Sequence[Term]) -> float:

@@ -47,17 +47,24 @@ class Contributions:
     @cached_property
     def main(self) -> list[Array]:
         """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
-        possible = self._b.copy()
+        return self._by_main(within_bounds=True)
+
+    @cached_property
+    def anywhere(self) -> list[Array]:
+        """The same wherever the coefficients are: of a shape that pushes the other way."""
+        return self._by_main(within_bounds=False)
+
+    def _by_main(self, *, within_bounds: bool) -> list[Array]:
+        acting = self._b.copy()
         design = self.design
         for term, part in zip(
             design.terms, map(slice, design.edges, design.edges[1:]), strict=True
         ):
+            if within_bounds:
+                acting[part] = np.clip(acting[part], term.low, term.high)
             if (term.main == 0.0).any():
-                main = term.main
-            else:
-                main = np.ones_like(term.main)
-            possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        return design.times(np.where(design.of_term, possible, 0.0))
+                acting[part] *= term.main
+        return design.times(np.where(design.of_term, acting, 0.0))
 
     @cached_property
     def own(self) -> list[Array]:
@@ -103,7 +110,7 @@ def worth(u: Contributions) -> float:
     over the terms, with z of ``standing`` and k of ``cancelled``. It is no part of the posterior but a loss: a name
     that nobody could act on is worth nothing.
     """
-    short = np.maximum(1.0 - standing(u), 0.0) / SOFT
+    short = np.maximum(1.0 - standing(u, u.main), 0.0) / SOFT
     return float(-0.5 * short @ short - CANCEL_COST * max(cancelled(u) - CANCEL, 0.0))
 
 
@@ -124,15 +131,15 @@ def cancelled(u: Contributions) -> float:
     return float(np.sqrt(worst))
 
 
-def standing(u: Contributions) -> Array:
-    """How far every term stands out, (terms,): 1 is just enough to be named.
+def standing(u: Contributions, parts: Sequence[Array]) -> Array:
+    """How far every term stands out by ``parts`` of what it does, (terms,): 1 is just enough to be named.
 
     z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN). In hundredths of the weight: T the top of what a
     term does, F what the other terms may leave by their form, R the slow rest, O its minimum unique contribution.
     """
     if not u.design.terms:
         return np.empty(0)
-    sizes = tops(u, u.main)
+    sizes = tops(u, parts)
     left = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
     channels = u.design.library.channels
     open_ = np.concatenate(

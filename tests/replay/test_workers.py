@@ -138,9 +138,11 @@ def test_a_killed_process_loses_nothing_and_one_that_dies_again_is_said(tmp_path
 
 
 def test_a_generator_that_is_closed_leaves_no_process() -> None:
+    before = set(psutil.Process().children(recursive=True))
     working = results(hang_where_asked, {0: 0.0, 1: HANG_S, 2: HANG_S}, here(workers=2))
     _, pid = next(working)
-    children = {child.pid for child in psutil.Process().children(recursive=True)}
+    now = set(psutil.Process().children(recursive=True))
+    children = {child.pid for child in now - before}
     assert pid in children
     working.close()  # type: ignore[attr-defined]
     assert not running(children)
