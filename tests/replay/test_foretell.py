@@ -17,7 +17,7 @@ from replay.search.posterior import Walked
 
 def fit(names: tuple[str, ...], score: float):
     terms = tuple(SimpleNamespace(name=n, effect=object()) for n in names)
-    return SimpleNamespace(terms=terms, score=score, key=frozenset(names))
+    return SimpleNamespace(terms=terms, effects=set(names), score=score, key=frozenset(names))
 
 
 BEFORE = 1000.0

@@ -263,7 +263,10 @@ def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
             SimpleNamespace(name=name, effect=get(name), key=(name, None, None)) for name in names
         )
         fit = SimpleNamespace(
-            terms=terms, score=math.log(chance), key=frozenset(t.key for t in terms)
+            terms=terms,
+            effects={t.name for t in terms},
+            score=math.log(chance),
+            key=frozenset(t.key for t in terms),
         )
         fits[fit.key] = fit
     return Walked(evidence=None, fits=fits, best=next(iter(fits.values())))
