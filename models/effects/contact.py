@@ -1,34 +1,52 @@
-"""A bumper touches the wall: a spring and a damper with a force away from it, none beyond their reach.
+"""A bumper touches the wall: spring and damper push along the wall's normal and never pull.
 
 Valid: a soft bumper.
-Source: Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact.
+Source: Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445: contact without adhesion; here spring
+and damper are linear.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
 from models.common.frames import Array
 from models.effects.coefficient import BelongsTo, Coefficient, Shape
-from models.effects.context import Context
+from models.effects.context import Context, smoothed
 from models.effects.effect import Effect
 from models.effects.flight_use import NOT_FLOWN
 from models.effects.pictures import force_words, over_surfaces
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
+REACHES_M = (0.02, 0.04, 0.06, 0.08, 0.10)
+DAMPINGS_S = (0.0, 0.05, 0.1, 0.2)
+"""None, and about the damping of a bumper that bounces little: 0.5 to 1 of sqrt(m/k)."""
+
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
-    depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
-    bearing = ctx.state.wall_bearing_rad
+    reach_m, damping_s = shape
+    normal = _towards_wall(ctx)
     velocity = ctx.velocity[..., None, :] + ctx.turning
-    closing = (
-        velocity[..., 0] * np.cos(bearing)[..., None]
-        + velocity[..., 1] * np.sin(bearing)[..., None]
-    )
-    return ctx.pull(-depth, bearing), ctx.pull(np.where(depth > 0.0, -closing, 0.0), bearing)
+    closing = (velocity * normal).sum(axis=-1)
+    depth = np.maximum(reach_m - ctx.state.d_m, 0.0)
+    pressed = np.where(depth > 0.0, np.maximum(depth + damping_s * closing, 0.0), 0.0)
+    return (smoothed(ctx, ctx.wrench_at_cg(-pressed[..., None] * normal)),)
+
+
+def _towards_wall(ctx: Context) -> Array:
+    """Level unit vector towards the wall in body axes (..., 1, 3).
+
+    A vehicle that leans into the wall is also pushed along its rotor axis.
+    """
+    rotation = ctx.state.rotation
+    yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+    heading = yaw + ctx.state.wall_bearing_rad
+    level = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=-1)
+    in_body = np.einsum("...ji,...j->...i", rotation, level)
+    return np.asarray(in_body[..., None, :])
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -36,7 +54,8 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
         nearest = float(np.nanmin(ctx.state.d_m))
     else:
         nearest = np.inf
-    return tuple((s,) for s in (0.02, 0.04, 0.06, 0.08, 0.10) if s > nearest + 0.01)
+    reaches = [reach for reach in REACHES_M if reach > nearest + 0.01]
+    return tuple(product(reaches, DAMPINGS_S))
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -56,9 +75,10 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="contact",
     belongs_to=BelongsTo.PLACE,
-    equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
+    equation="dF = -k max(d0 - d + c v, 0) where d < d0, along the wall's normal, at every fan; "
+    "v: speed to the wall",
     sign="stiffness > 0: force away from the wall",
-    axes=("Fx", "Fy", "Mx", "My", "Mz"),
+    axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
     coefficients=(
@@ -69,16 +89,12 @@ EFFECT = Effect(
             high=1e4,
             typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans),
         ),
-        Coefficient(
-            name="damping",
-            unit="N s/m",
-            low=-100.0,
-            high=1e3,
-            typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans),
-        ),
     ),
     wrenches=_wrenches,
-    shapes=(Shape(name="reach_m", unit="m"),),
+    shapes=(
+        Shape(name="reach_m", unit="m"),
+        Shape(name="damping_s", unit="s", free_at_zero=True),
+    ),
     grid=_grid,
     lacking=_lacking,
     search=SearchHints(

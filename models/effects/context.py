@@ -53,6 +53,8 @@ class Context:
     """Whether the specific force was measured, and not computed from the velocity."""
     open_sky: bool = False
     """Whether satellites gave a place: the vehicle flew outdoors, where some wind blows on most days."""
+    smoothed_s: float = 0.0
+    """Standard deviation of the Gaussian low-pass that the signals of a record went through."""
     judged_s: tuple[float, float] | None = None
     """First and last time of a record that is judged, in the air; None: all of it."""
 
@@ -273,6 +275,16 @@ class Context:
 def decay(distance: Array, length: float) -> Array:
     """exp(-distance/length), 0 at infinity, no more than at contact; NaN stays NaN."""
     return np.exp(-np.maximum(distance, 0.0) / length)
+
+
+def smoothed(ctx: Context, values: Array) -> Array:
+    """A record (n, k) through the low-pass of its measured wrench: for what begins sharply, as an impact does.
+
+    Worked out from smoothed distances it would be sharper than it can have been measured.
+    """
+    if ctx.smoothed_s == 0.0:
+        return values
+    return through(ctx, values, lambda w: np.exp(-0.5 * (ctx.smoothed_s * w) ** 2))
 
 
 def through(ctx: Context, values: Array, response: Callable[[NDArray[Any]], NDArray[Any]]) -> Array:

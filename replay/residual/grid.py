@@ -31,6 +31,8 @@ class Grid:
         half = max(int(4 * sigma), 1)
         kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
         self.kernel = kernel / kernel.sum()
+        self.spread_s = sigma / rate
+        """Standard deviation of the low-pass."""
         self.smooth_s = half / rate
         """By which the low-pass reaches to either side."""
         self.every = max(round(rate / RATE_HZ), 1)

@@ -181,6 +181,7 @@ def build_record(
             commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
             accelerometer=not derived,
             open_sky=under_open_sky(log),
+            smoothed_s=grid.spread_s,
             judged_s=(float(airborne_s[0]), float(airborne_s[-1])) if len(airborne_s) else None,
         ),
         residual=residual,

@@ -134,23 +134,64 @@ def test_a_weak_fan_also_turns_the_body_less() -> None:
     assert lost[5] > 0.0  # a clockwise rotor turned the body counter-clockwise
 
 
-def test_a_bumper_pushes_back_harder_while_it_closes(ctx: Context) -> None:
-    near = replace(
-        ctx.state, d_m=np.full_like(ctx.state.d_m, 0.05), wall_bearing_rad=np.zeros(len(ctx.state))
+def at_the_wall(ctx: Context, d_m: float, pitch_rad: float = 0.0) -> Context:
+    """The wall ahead at ``d_m``, the vehicle not turning."""
+    sine, cosine = np.sin(pitch_rad), np.cos(pitch_rad)
+    pitched = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    rows = len(ctx.state)
+    state = replace(
+        ctx.state,
+        d_m=np.full_like(ctx.state.d_m, d_m),
+        wall_bearing_rad=np.zeros(rows),
+        rates=np.zeros((rows, 3)),
+        rotation=np.broadcast_to(pitched, (rows, 3, 3)),
     )
-    touch = AdoptedEffect("contact", {"stiffness": 100.0, "damping": 10.0, "reach_m": 0.07})
-    level = replace(near, rates=np.zeros((len(near), 3)))
-    force = adopted_wrench([touch], Context(state=level, vehicle=ctx.vehicle, model=ctx.model))[
-        :, 0
-    ]
+    return Context(state=state, vehicle=ctx.vehicle, model=ctx.model)
+
+
+def bumper(ctx: Context, damping_s: float = 0.1) -> Array:
+    """Wrench (n, 6) of a bumper of 100 N/m with a reach of 7 cm."""
+    touch = AdoptedEffect("contact", {"stiffness": 100.0, "reach_m": 0.07, "damping_s": damping_s})
+    return adopted_wrench([touch], ctx)
+
+
+def test_a_bumper_pushes_back_harder_while_it_closes_and_never_pulls(ctx: Context) -> None:
+    near = at_the_wall(ctx, 0.05)
+    closing = near.velocity[:, 0]
+    assert closing.min() < -0.2 < 0.0 < closing.max()
+    pressed = np.maximum(0.02 + 0.1 * closing, 0.0)
     fans = len(ctx.vehicle.fans)
-    assert force == pytest.approx(
-        -fans * (2.0 + 10.0 * Context(state=level, vehicle=ctx.vehicle).velocity[:, 0]), abs=1e-9
+    assert bumper(near)[:, 0] == pytest.approx(-fans * 100.0 * pressed, abs=1e-9)
+    assert not bumper(at_the_wall(ctx, 0.08)).any()
+
+
+def test_a_bumper_pushes_a_leaning_vehicle_along_the_walls_normal(ctx: Context) -> None:
+    wrench = bumper(at_the_wall(ctx, 0.05, pitch_rad=-0.2), damping_s=0.0)[0]
+    push = 2.0 * len(ctx.vehicle.fans)
+    # Nose down, the belly faces back: the push from ahead also presses the vehicle down its axis.
+    assert wrench[:3] == pytest.approx([-push * np.cos(0.2), 0.0, -push * np.sin(-0.2)])
+
+
+def test_an_impact_is_as_smooth_as_it_was_measured(ctx: Context) -> None:
+    time_s = np.arange(200) * 0.02
+    vehicle = default_vehicle()
+    fans = len(vehicle.fans)
+    rows = blank_state((200,), fans, len(vehicle.rotors))
+    struck = replace(
+        rows,
+        time_s=time_s,
+        d_m=np.where(time_s[:, None] < 2.0, 0.10, 0.05) * np.ones(fans),
+        wall_bearing_rad=np.zeros(200),
+        rates=np.zeros((200, 3)),
+        velocity_ned=np.zeros((200, 3)),
+        rotation=np.broadcast_to(np.eye(3), (200, 3, 3)),
     )
-    away = replace(level, d_m=np.full_like(level.d_m, 0.08))
-    assert not adopted_wrench(
-        [touch], Context(state=away, vehicle=ctx.vehicle, model=ctx.model)
-    ).any()
+    sharp = Context(state=struck, vehicle=vehicle)
+    soft = replace(sharp, smoothed_s=0.1)
+    sharp_n, soft_n = bumper(sharp)[:, 0], bumper(soft)[:, 0]
+    assert soft_n[time_s < 1.5] == pytest.approx(0.0, abs=1e-6)
+    assert soft_n[100] == pytest.approx(sharp_n[100] / 2.0, rel=0.1)
+    assert soft_n[160] == pytest.approx(sharp_n[160], rel=1e-3)
 
 
 def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
