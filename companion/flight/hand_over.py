@@ -10,7 +10,7 @@ from companion.control.wall_guard import level_wall
 from companion.flight.options import FlightOptions
 from companion.flight.outbox import Outbox
 from companion.flight.timers import Timers
-from companion.last_word import LastWord
+from companion.last_word import PERIOD_S, SILENT, LastWord, Word
 from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.firmware import Stack, mode_name, stack_of, takes_setpoints
 from companion.mavlink.link import Arrivals, Link
@@ -91,24 +91,27 @@ class HandOver:
         """Start the second process, where one is wanted and can speak for us."""
         wanted = self._options.last_word and self._config.base is Base.HOLD
         if wanted and self._link.signatures is None and self._link.fileno >= 0:
-            self._last_word = LastWord(self._link.fileno)
+            self._last_word = LastWord(self._link.fileno, self._link.endpoint)
 
     def close(self) -> None:
         """End the second process without a word."""
         if self._last_word is not None:
             self._last_word.close()
 
-    def frame(self, state: PipelineState) -> bytes:
-        """What the second process sends if this one is killed now; empty where others fly."""
+    def word(self, state: PipelineState) -> Word:
+        """What the second process says if this one is killed now; nothing where others fly."""
         place = place_to_stay(state, self._config)
         if place is None:
-            return b""
-        return self._link.frame(*encode(place, self._outbox.system))
+            return SILENT
+        return Word(
+            frame=self._link.frame(*encode(place, self._outbox.system)),
+            times=round(hand_over_lasts_s(state) / PERIOD_S),
+        )
 
     def renew(self, now_s: float, state: PipelineState) -> None:
         """Keep the second process quiet, and tell it the newest place."""
         if self._last_word is not None and self._timers.due("renew", _LAST_WORD_PERIOD_S, now_s):
-            self._last_word.renew(self.frame(state), self._link.peers)
+            self._last_word.renew(self.word(state), self._link.peers)
 
     def hear_attitude(self) -> None:
         """An attitude came: it brings a setpoint by itself."""

@@ -16,6 +16,7 @@ from companion.flight.pilot import Pilot
 from companion.flight.reports import Reports
 from companion.flight.requests import Requests
 from companion.flight.timers import Timers
+from companion.last_word import Word
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import UNREAD, Intake
 from companion.mavlink.tlog_writer import Records
@@ -172,9 +173,9 @@ class Flight:
         return self._reports.summary
 
     @property
-    def last_word(self) -> bytes:
-        """The frame that the second process sends if this one is killed now; empty where others fly."""
-        return self._hand_over.frame(self.incoming.state)
+    def last_word(self) -> Word:
+        """What the second process says if this one is killed now; nothing where others fly."""
+        return self._hand_over.word(self.incoming.state)
 
     @property
     def unheard(self) -> str | None:

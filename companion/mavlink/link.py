@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
-from companion.last_word import PERIOD_S, TIMES
+from companion.last_word import relieve
 from companion.mavlink import BAUD, OWN_COMPONENT
 from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
@@ -23,8 +23,8 @@ from models.common.errors import ConfigError, LinkError
 _NETWORK = ("udp", "udpin", "udpout", "tcp")
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
-_LAST_WORD_S = TIMES * PERIOD_S + 1.0
-"""For so long a second process may say the last word of a companion that was killed, on a busy computer too."""
+_RELIEVED_S = 2.0
+"""Within so long the second process of a companion that was killed gives the port up, on a busy computer too."""
 _AGAIN_S = 0.05
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
@@ -223,6 +223,7 @@ def open_link(
 
     Raises ConfigError where the string is no endpoint, LinkError where it cannot be opened (port in use, no device).
     """
+    relieve(endpoint)
     scheme = _check(endpoint)
     mavutil = _mavutil()
     try:
@@ -287,11 +288,11 @@ def _check(endpoint: str) -> str:
 
 
 def _await_port(endpoint: str, host: str, port: int) -> None:
-    """Until nobody else holds the port: the second process of a companion that was killed keeps it for a second.
+    """Until nobody else holds the port: the second process of a companion that was killed keeps it until relieved.
 
     pymavlink binds with SO_REUSEADDR: two listeners would share the port, each missing what the other gets.
     """
-    end_s = time.monotonic() + _LAST_WORD_S
+    end_s = time.monotonic() + _RELIEVED_S
     while True:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -303,6 +304,7 @@ def _await_port(endpoint: str, host: str, port: int) -> None:
             else:
                 return
         time.sleep(_AGAIN_S)
+        relieve(endpoint)
 
 
 def _reason(error: OSError | EOFError, scheme: str) -> str:

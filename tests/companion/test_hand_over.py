@@ -18,7 +18,7 @@ from patience import HANG_S
 
 from companion.control.hand_over import held_off
 from companion.flight.hand_over import hand_over_lasts_s
-from companion.last_word import LastWord
+from companion.last_word import LastWord, Word
 from companion.mavlink.link import Arrivals, open_link
 from models.common.errors import LinkError
 
@@ -68,10 +68,10 @@ def test_the_second_process_speaks_once_the_first_is_dead_and_only_then():
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(HANG_S)
         code = (
-            "import socket, sys, time; from companion.last_word import LastWord\n"
+            "import socket, sys, time; from companion.last_word import LastWord, Word\n"
             "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); w = LastWord(s.fileno())\n"
-            f"w.renew(b'old', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
-            f"w.renew(b'stay here', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
+            f"w.renew(Word(b'old', 5), [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
+            f"w.renew(Word(b'stay here', 10), [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
             "print(w.pid, flush=True); time.sleep(600)\n"
         )
         with subprocess.Popen(
@@ -97,10 +97,10 @@ def test_the_second_process_speaks_while_the_first_stands_still_and_is_quiet_aga
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         vehicle.bind(("127.0.0.1", 0))
         code = (
-            "import socket, time; from companion.last_word import LastWord\n"
+            "import socket, time; from companion.last_word import LastWord, Word\n"
             "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); w = LastWord(s.fileno())\n"
             f"a = [('127.0.0.1', {vehicle.getsockname()[1]})]\n"
-            "while True: w.renew(b'stay here', a); s.sendto(b'renewed', a[0]); time.sleep(0.1)\n"
+            "while True: w.renew(Word(b'stay here', 10), a); s.sendto(b'renewed', a[0]); time.sleep(0.1)\n"
         )
         vehicle.settimeout(HANG_S)
         with subprocess.Popen([sys.executable, "-c", code]) as parent:
@@ -128,13 +128,15 @@ def _alive(pid: int) -> bool:
         return False
 
 
-def test_a_restart_at_once_after_kill_9_takes_the_port_over_from_the_second_process():
+def test_a_restart_after_kill_9_relieves_the_second_process_and_takes_its_port():
     port = free_port()
+    endpoint = f"udpin:127.0.0.1:{port}"
     code = (
-        "import socket, time; from companion.last_word import LastWord\n"
+        "import socket, time; from companion.last_word import LastWord, Word\n"
         "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)\n"
-        f"s.bind(('127.0.0.1', {port})); w = LastWord(s.fileno())\n"
-        "w.renew(b'stay here', [('127.0.0.1', 9)]); print(w.pid, flush=True); time.sleep(60)\n"
+        f"s.bind(('127.0.0.1', {port})); w = LastWord(s.fileno(), '{endpoint}')\n"
+        "w.renew(Word(b'stay here', 100000), [('127.0.0.1', 9)])\n"
+        "print(w.pid, flush=True); time.sleep(60)\n"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
@@ -142,7 +144,7 @@ def test_a_restart_at_once_after_kill_9_takes_the_port_over_from_the_second_proc
         child = int(parent.stdout.readline())
         parent.kill()
     assert _alive(child)
-    link = open_link(f"udpin:127.0.0.1:{port}", Arrivals())
+    link = open_link(endpoint, Arrivals())
     link.close()
     end = time.monotonic() + 10.0
     while _alive(child) and time.monotonic() < end:
@@ -164,7 +166,7 @@ def test_an_orderly_end_says_nothing_more():
     ):
         vehicle.bind(("127.0.0.1", 0))
         word = LastWord(own.fileno())
-        word.renew(b"stay here", [vehicle.getsockname()])
+        word.renew(Word(b"stay here", 10), [vehicle.getsockname()])
         word.close()
         assert not _alive(word.pid)
         vehicle.setblocking(False)

@@ -138,9 +138,9 @@ class FaultyLockstep(Lockstep):
         """
         self._killed = True
         self._turn_s = math.inf
-        start_s, frame = self.flight.time_s + LAST_WORD_DELAY_S, self._last_frame
+        start_s, word = self.flight.time_s + LAST_WORD_DELAY_S, self._word
         self._words.extend(
-            (start_s + last_word.PERIOD_S * k, frame) for k in range(last_word.TIMES) if frame
+            (start_s + last_word.PERIOD_S * k, word.frame) for k in range(word.times)
         )
         self.start_companion_s = self.flight.time_s + restart_after_s
 
@@ -150,16 +150,17 @@ class FaultyLockstep(Lockstep):
             self.companion.stop()
 
     @property
-    def _last_frame(self) -> bytes:
+    def _word(self) -> last_word.Word:
         """What the watchdog process holds."""
-        return b"" if self.companion is None or not self.last_word else self.companion.last_word
+        if self.companion is None or not self.last_word:
+            return last_word.SILENT
+        return self.companion.last_word
 
     def _speak_for_a_silent_companion(self) -> None:
         due_s = self._turn_s + last_word.SILENCE_S + last_word.PERIOD_S * self._said
-        if self.flight.time_s >= due_s and self._said < last_word.TIMES:
+        if self.flight.time_s >= due_s and self._said < self._word.times:
             self._said += 1
-            if self._last_frame:
-                self.wire.send_up(self._last_frame, self.flight.time_s)
+            self.wire.send_up(self._word.frame, self.flight.time_s)
 
     def _fly(self, config: PipelineConfig | None, recorder: Recorder | None) -> None:
         while not self._pilot.over:
@@ -168,6 +169,7 @@ class FaultyLockstep(Lockstep):
                 continue
             self.start_companion_s = math.inf
             self._killed = False
+            self._words.clear()  # relieved by the new one
             watch = None if self.auditor is None else self.auditor.decision
             records = recorder if self.auditor is None else _Audited(self.auditor, recorder)
             with suppress(OverError, _KilledError):
