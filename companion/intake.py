@@ -74,6 +74,8 @@ def take_in(
         }
         if (seen := newest.get(type(sample))) is not None and sample.t_s < seen.t_s:
             return state, False  # out of order: a newer one has been taken in
+        if isinstance(sample, samples.Attitude) and seen is not None and sample.t_s == seen.t_s:
+            return state, False  # PX4 says it twice, as ATTITUDE and as ATTITUDE_QUATERNION
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)

@@ -176,6 +176,20 @@ def test_no_new_input_no_new_output():
         assert decision is None
 
 
+def test_an_attitude_that_is_sent_twice_counts_once() -> None:
+    """PX4 sends each as ATTITUDE and as ATTITUDE_QUATERNION, of the same time."""
+    once = bench(roll=0.02)
+    once.run(2.0)
+    twice = bench(roll=0.02)
+    for _ in range(100):
+        twice.tick()
+        assert twice.feed(replace(twice.state.estimates.attitude, source="ATTITUDE")) is None
+    assert twice.state.learned.balance.acceleration == once.state.learned.balance.acceleration
+    assert twice.state.learned.balance.acceleration[1] == pytest.approx(0.2, abs=0.01)
+    measured, expected = twice.state.plant.response.bank, once.state.plant.response.bank
+    assert all(np.array_equal(a, b) for a, b in zip(measured, expected, strict=True))
+
+
 def test_a_reboot_forgets_everything_but_the_wish_to_stop():
     b = bench()
     b.run(3.0)
