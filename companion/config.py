@@ -43,7 +43,35 @@ class OffsetBounds(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PipelineConfig:
-    """Everything ``step`` needs besides state and sample."""
+    """Everything ``step`` needs besides state and sample.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What flies.
+    model : FanSurrogate
+        Of its fans.
+    base : Base
+        Whose setpoint the offset is added to: of the own hold, or of an upstream controller.
+    carrier : Carrier
+        How it travels: as an attitude with thrust, or as an acceleration.
+    dry_run : bool
+        Decide, and send nothing.
+    offsets : bool
+        False flies the bare hold: for comparison only.
+    survey : SurveyBox or None
+        The hold is moved through this box once it flies.
+    adapt : Adapt
+        What the sizes measured in flight do to the offsets.
+
+    Examples
+    --------
+    >>> import companion, models
+    >>> from companion.vehicles import default_vehicle
+    >>> config = companion.PipelineConfig(vehicle=default_vehicle(), model=models.load())
+    >>> config.most_offset.thrust
+    0.1
+    """
 
     vehicle: Vehicle
     model: FanSurrogate
@@ -51,11 +79,8 @@ class PipelineConfig:
     carrier: Carrier = Carrier.ATTITUDE
     dry_run: bool = False
     offsets: bool = True
-    """False flies the bare hold: for comparison only."""
     survey: SurveyBox | None = None
-    """The hold is moved through this box once it flies."""
     adapt: Adapt = Adapt.OFF
-    """What the sizes measured in flight do to the offsets."""
 
     @cached_property
     def most_offset(self) -> OffsetBounds:

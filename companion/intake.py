@@ -47,7 +47,26 @@ _STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 
 
 def initial_state(config: PipelineConfig) -> PipelineState:
-    """Nothing heard yet."""
+    """The state before anything is heard.
+
+    Parameters
+    ----------
+    config : PipelineConfig
+        Vehicle, model and interface.
+
+    Returns
+    -------
+    PipelineState
+        For the first ``step``.
+
+    Examples
+    --------
+    >>> import companion, models
+    >>> from companion.vehicles import default_vehicle
+    >>> config = companion.PipelineConfig(vehicle=default_vehicle(), model=models.load())
+    >>> companion.initial_state(config).estimates.position is None
+    True
+    """
     learned = Learned(adaptation=begin.initial(config))
     return PipelineState(estimates=blank_estimates(config.vehicle), learned=learned)
 

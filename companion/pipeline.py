@@ -65,9 +65,24 @@ def step(
 ) -> tuple[PipelineState, Decision | None]:
     """Take in one sample; decide where the sample calls for a decision.
 
-    ``sample``: a record of ``companion.mavlink.samples``. Nothing is changed in place: the new state comes back, and
-    None beside it where the sample calls for no decision.
+    Parameters
+    ----------
+    state : PipelineState
+        What was known before; it is not changed.
+    sample : Sample
+        A message of the autopilot, as a record of ``companion.mavlink.samples``: SI, NED and FRD.
+    config : PipelineConfig
+        The same through a flight.
 
+    Returns
+    -------
+    state : PipelineState
+        What is known now.
+    decision : Decision or None
+        None where the sample calls for no decision.
+
+    Examples
+    --------
     >>> import companion, models
     >>> from companion.mavlink.samples import Battery
     >>> from companion.vehicles import default_vehicle

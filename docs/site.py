@@ -15,7 +15,9 @@ import companion
 import models
 import replay
 from models.common import errors
+from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle, load_vehicle
+from replay.logs.plugins import LogReader
 
 ROOT = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
@@ -54,16 +56,20 @@ def reference() -> str:
         "",
     ]
     for package in (models, companion, replay):
-        lines += [f"## {package.__name__}", ""]
-        for name in sorted(_public(package)):
-            lines += [f"::: {_home(getattr(package, name))}", ""]
-    lines += ["## models.vehicle", ""]
-    for thing in (load_vehicle, Vehicle):
-        lines += [f"::: {_home(thing)}", ""]
-    lines += ["## models.common.errors", ""]
-    for kind in (errors.UserError, *errors.UserError.__subclasses__()):
-        lines += [f"::: {_home(kind)}", ""]
+        public = [getattr(package, name) for name in sorted(_public(package))]
+        lines += _entries(package.__name__, *public)
+    lines += _entries("A surrogate", FanSurrogate)
+    lines += _entries("models.vehicle", load_vehicle, Vehicle)
+    lines += _entries("A log format", LogReader)
+    lines += _entries("models.common.errors", errors.UserError, *errors.UserError.__subclasses__())
     return "\n".join(lines)
+
+
+def _entries(heading: str, *things: Any) -> list[str]:
+    lines = [f"## {heading}", ""]
+    for thing in things:
+        lines += [f"::: {_home(thing)}", ""]
+    return lines
 
 
 def _public(package: ModuleType) -> list[str]:

@@ -30,33 +30,37 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
 
     Parameters
     ----------
-    vehicle : vehicle, path of a vehicle file, or None
-        None: drafted from the logs that are fitted.
-    model : surrogate, its directory, "none", None, or "default"
-        None and "none": rotors in free air. "default": as ``replay diagnose`` chooses.
+    vehicle : Vehicle, path, str or None
+        A vehicle or its file. None: drafted from the logs that are fitted.
+    model : FanSurrogate, str or None
+        A surrogate or its directory. None and "none": rotors in free air. "default": as ``replay diagnose`` chooses.
     mass_kg, propeller_inch, span_m : float or None
-        What is known of a drafted vehicle.
-
-    Attributes
-    ----------
-    answer_ : the whole answer, as ``replay.diagnose`` gives it
-    effects_ : table of the effects that were found, a row a parameter
-    model_ : the amended model: what of the effects belongs to the vehicle
-    vehicle_ : the vehicle that flew
-
-    Raises LogError where a log cannot be judged, ConfigError and ModelError where vehicle or model are wrong.
+        What is known of a drafted vehicle: mass [kg], diameter of a propeller [inch], motor to opposite motor [m].
 
     Examples
     --------
     >>> from replay import Diagnosis
-    >>> Diagnosis(vehicle="my.toml", model=None)
+    >>> diagnosis = Diagnosis(vehicle="my.toml", model=None)
+    >>> diagnosis
     Diagnosis(model=None, vehicle='my.toml')
+    >>> "payload" in diagnosis.fit("flight.tlog").effects_.names
+    True
+    >>> bool(diagnosis.score("friday.tlog") > 0.5)  # of the energy of another flight's residual
+    True
+    >>> diagnosis.plot().save("answer.html").name
+    'answer.html'
+    >>> diagnosis.save("amended").name  # for companion --model, replay --model and models.load
+    'amended'
     """
 
     answer_: NotebookDiagnosis
+    """The whole answer, as ``replay.diagnose`` gives it."""
     effects_: EffectTable
+    """The effects that were found, a row a parameter: value, 95 % interval, unit, probability."""
     model_: FanSurrogate
+    """The amended model: what of the effects belongs to the vehicle."""
     vehicle_: Vehicle
+    """The vehicle that flew."""
 
     def __init__(
         self,
@@ -74,7 +78,27 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         self.span_m = span_m
 
     def fit(self, logs: Log | Sequence[Log], y: object = None) -> Diagnosis:
-        """Find the effects that the model lacks on a log, or on several of one vehicle. ``y`` is not used."""
+        """Find the effects that the model lacks.
+
+        Parameters
+        ----------
+        logs : path, str, or sequence of them
+            One log, or several of one vehicle.
+        y : object
+            Not used.
+
+        Returns
+        -------
+        Diagnosis
+            Itself.
+
+        Raises
+        ------
+        LogError
+            A log cannot be judged.
+        ConfigError, ModelError
+            Vehicle or model are wrong.
+        """
         self.answer_ = diagnose(
             logs,
             self.vehicle,
@@ -97,18 +121,56 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
     ) -> Prediction:
         """The error of the amended model on other logs, with and without the effects that were found.
 
-        Without ``frozen``, wind, load and accelerometer offset are learned from the first 20 s of each flight.
-        ``horizon_s``: the motion is foretold, too, so far ahead [s].
+        Parameters
+        ----------
+        logs : path, str, or sequence of them
+            One log, or several.
+        frozen : bool
+            False: wind, load and accelerometer offset of the day are learned from the first 20 s of each flight. True:
+            the effects of the vehicle stand alone.
+        horizon_s : float or None
+            The motion is foretold, too, so far ahead [s].
+
+        Returns
+        -------
+        Prediction
+            Residuals (n, 6) of each flight [N, N m], body FRD; their RMS by axis and regime.
+
+        Raises
+        ------
+        NotFittedError
+            ``fit`` was not called.
+        LogError
+            A log cannot be judged.
         """
         self._check()
         return predict(_paths(logs), self.vehicle_, self.model_, frozen=frozen, horizon_s=horizon_s)
 
     def score(self, logs: Log | Sequence[Log], y: object = None, *, frozen: bool = False) -> float:
-        """Share of the residual's energy on other logs that the amended model explains: 1 is all, < 0 is harm.
+        """Share of the residual's energy on other logs that the amended model explains.
 
-        Wind, load and accelerometer offset of the day, learned from the first 20 s of each flight, are a part of it.
-        With ``frozen`` the effects of the vehicle stand alone. Energy is the sum over axes of squares, in hundredths
-        of the weight (times the arm, for moments). ``y`` is not used.
+        Energy is the sum over axes of squares, in hundredths of the weight (times the arm, for moments).
+
+        Parameters
+        ----------
+        logs : path, str, or sequence of them
+            One log, or several.
+        y : object
+            Not used.
+        frozen : bool
+            As of ``predict``.
+
+        Returns
+        -------
+        float
+            1 is all, 0 is nothing, below 0 is harm.
+
+        Raises
+        ------
+        NotFittedError
+            ``fit`` was not called.
+        LogError
+            A log cannot be judged.
         """
         prediction = self.predict(logs, frozen=frozen)
         unit = hundredths(prediction.records[0].context)
@@ -121,14 +183,43 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         return float(1.0 - left / np.maximum(without, 1e-300))
 
     def plot(self) -> ShownPage:
-        """The page of the answer, with its plots: a notebook shows it, ``save(FILE)`` writes it."""
+        """The page of the answer, with its plots.
+
+        Returns
+        -------
+        ShownPage
+            A notebook shows it; ``save(FILE)`` writes it as HTML.
+
+        Raises
+        ------
+        NotFittedError
+            ``fit`` was not called.
+        """
         self._check()
         return ShownPage(
             page(self.answer_, self.vehicle_, model_faults(self.answer_.records, None))
         )
 
     def save(self, folder: Log) -> Path:
-        """Write the amended model; ``replay``, ``companion`` and ``models.load`` take the folder."""
+        """Write the amended model; ``replay``, ``companion`` and ``models.load`` take the folder.
+
+        Parameters
+        ----------
+        folder : path or str
+            Made where there is none.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        NotFittedError
+            ``fit`` was not called.
+        ModelError
+            The folder cannot be written.
+        """
         self._check()
         save_model(Path(folder), self.model_)
         return Path(folder)

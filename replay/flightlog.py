@@ -318,15 +318,31 @@ def _cut(column: Any, start_s: float, end_s: float) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class FlightLog:
-    """One boot of one vehicle."""
+    """One boot of one vehicle: named columns, SI, world NED, body FRD. What a log does not hold is None or empty.
+
+    Examples
+    --------
+    >>> import replay
+    >>> (flight,) = replay.load("flight.tlog")
+    >>> flight.missing("attitude", "gps_fix")
+    ['gps_fix']
+    >>> part = flight.between(flight.start_s + 5.0, flight.start_s + 15.0)
+    >>> round(part.duration_s)
+    10
+    """
 
     path: Path
+    """Of the log."""
     system: int
+    """MAVLink system."""
     boot: int
     """0 for the first boot in the file."""
     start_s: float
+    """Boot time of the first message [s]."""
     end_s: float
+    """Boot time of the last message [s]."""
     vehicle_type: int | None = None
+    """MAV_TYPE; None where no heartbeat was recorded."""
     autopilot: int | None = None
     """MAV_AUTOPILOT: 3 ArduPilot, 12 PX4, 0 generic; None where no heartbeat was recorded."""
 
@@ -341,6 +357,7 @@ class FlightLog:
     imus: tuple[ImuRecord, ...] = ()
     """The chosen one first, then float before quantised, fast before slow."""
     beams: tuple[Beam, ...] = ()
+    """Rangefinders."""
     rings: tuple[Ring, ...] = ()
     """In order of time."""
     escs: Mapping[int, EscRecord] = field(default_factory=dict)
@@ -353,6 +370,7 @@ class FlightLog:
     motor_commands: Series | None = None
     """(n, 16) thrust that PX4 asks of each motor (actuator_motors), as pulses of 1000 to 2000 us by motor number."""
     motor_outputs: MotorOutputs = field(default_factory=MotorOutputs)
+    """Which outputs drive the motors."""
     battery: Series | None = None
     """(n, 2) V, A of the battery that feeds the motors; NaN where not measured."""
     batteries: Mapping[str, Series] = field(default_factory=dict)
@@ -374,11 +392,12 @@ class FlightLog:
     wind: Series | None = None
     """(n, 3) m/s NED, where the air moves to; the autopilot's estimate."""
     vibration: Series | None = None
-    """(n, 3) m/s^2."""
+    """(n, 3) m/s^2, as the autopilot measures it."""
     gps_fix: Series | None = None
     """(n, 1) GPS_FIX_TYPE of the first receiver: 0 none, 1 no fix, 2 without height, 3 and above a place in space."""
 
     armed: tuple[Interval, ...] = ()
+    """While the motors were armed."""
     modes: tuple[Interval, ...] = ()
     """Value: custom_mode."""
     landed: tuple[Interval, ...] = ()
@@ -394,20 +413,38 @@ class FlightLog:
     sources: tuple[SourceChoice, ...] = ()
     """Which instance each quantity was read from."""
     summary: LogSummary = field(repr=False, default=LogSummary(0, 0, ()))
+    """What the file held, and what was dropped or repaired."""
 
     @property
     def duration_s(self) -> float:
-        """Length of the boot in the log."""
+        """Length of the boot in the log [s]."""
         return self.end_s - self.start_s
 
     def between(self, start_s: float, end_s: float) -> FlightLog:
-        """The time start <= t < end, as views. What has no sample in it is None or left out."""
+        """A part of the flight.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            start <= t < end, boot time [s].
+
+        Returns
+        -------
+        FlightLog
+            Views. What has no sample in it is None or left out.
+        """
         columns = {f.name: _cut(getattr(self, f.name), start_s, end_s) for f in fields(self)}
         columns |= {"start_s": max(self.start_s, start_s), "end_s": min(self.end_s, end_s)}
         return FlightLog(**columns)
 
     def stretches(self) -> Iterator[FlightLog]:
-        """The log in parts of equal length, for work whose memory grows with the time; a small log is one."""
+        """The log in parts of equal length, for work whose memory grows with the time.
+
+        Yields
+        ------
+        FlightLog
+            A small log is one part.
+        """
         if self.summary.bytes <= _ONE_STRETCH_BYTES:
             count = 1
         else:
@@ -421,10 +458,20 @@ class FlightLog:
             release()
 
     def beam(self, direction: str) -> Beam | None:
-        """The best rangefinder that looks ``down``, ``up``, ``forward``, ``right``, ``back`` or ``left``, or None.
+        """The best rangefinder in one direction.
 
         DISTANCE_SENSOR before RANGEFINDER, unless both tell the same distance and RANGEFINDER is finer and no slower;
         among equals the one with more good readings.
+
+        Parameters
+        ----------
+        direction : str
+            ``down``, ``up``, ``forward``, ``right``, ``back`` or ``left``, of the body.
+
+        Returns
+        -------
+        Beam or None
+            None where none looks there.
         """
         beams = [b for b in self.beams if b.name == direction]
         own = sorted((b for b in beams if b.source != "RANGEFINDER"), key=lambda b: -len(b.good))
@@ -445,7 +492,18 @@ class FlightLog:
         return best
 
     def missing(self, *names: str) -> list[str]:
-        """Which of the named columns (``"attitude"``, ``"imus"`` ...) this log does not hold."""
+        """Which columns this log does not hold.
+
+        Parameters
+        ----------
+        *names : str
+            ``"attitude"``, ``"imus"`` ...
+
+        Returns
+        -------
+        list of str
+            Those that are missing.
+        """
         return [name for name in names if not getattr(self, name)]
 
 

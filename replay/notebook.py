@@ -44,15 +44,37 @@ def diagnose(
 ) -> NotebookDiagnosis:
     """What the declared model lacks on one log, or on several of one vehicle.
 
-    ``vehicle``: None drafts it from the logs, by ``mass_kg``, ``propeller_inch`` and ``span_m`` where they are known.
-    ``model``: a model, its directory, or None for rotors in free air; by default as ``replay diagnose`` chooses it.
-    Raises LogError where a log cannot be judged, ConfigError and ModelError where vehicle or model are wrong.
+    Parameters
+    ----------
+    logs : path, str, or sequence of them
+        One log, or several of one vehicle.
+    vehicle : Vehicle, path, str or None
+        A vehicle or its file. None: drafted from the logs.
+    model : FanSurrogate, str or None
+        A surrogate or its directory. None: rotors in free air. "default": as ``replay diagnose`` chooses.
+    mass_kg, propeller_inch, span_m : float or None
+        What is known of a drafted vehicle: mass [kg], diameter of a propeller [inch], motor to opposite motor [m].
+    target_system : int or None
+        MAVLink system of the vehicle, where a log holds several.
 
+    Returns
+    -------
+    NotebookDiagnosis
+        ``found`` has the effects, ``records`` the residuals; a notebook shows it as its page.
+
+    Raises
+    ------
+    LogError
+        A log cannot be judged.
+    ConfigError, ModelError
+        Vehicle or model are wrong.
+
+    Examples
+    --------
     >>> import replay
-    >>> answer = replay.diagnose("flight.tlog", "my.toml", model=None)  # doctest: +SKIP
-    >>> replay.diagnose("no_such_flight.tlog", mass_kg=3.0)
-    Traceback (most recent call last):
-    models.common.errors.LogError: no_such_flight.tlog: cannot be read (No such file or directory)
+    >>> answer = replay.diagnose("flight.tlog", "my.toml", model=None)
+    >>> "payload" in [found.effect.name for found in answer.found]
+    True
     """
     if isinstance(logs, Path | str):
         paths = [Path(logs)]

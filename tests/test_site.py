@@ -56,6 +56,16 @@ def test_every_public_name_is_in_the_reference(site: Path) -> None:
 
 
 @pytest.mark.slow
+def test_sections_of_docstrings_are_shown_as_such(site: Path) -> None:
+    page = (site / "reference.html").read_text()
+    entry = page.split('id="companion.pipeline.step"')[1].split('class="doc doc-object ')[0]
+    for section in ("Parameters", "Returns", "Examples"):
+        assert f'doc-section-title">{section}:<' in entry
+    assert 'id="replay.logs.plugins.LogReader.__call__"' in page
+    assert "-----" not in page
+
+
+@pytest.mark.slow
 def test_the_readme_is_the_first_page(site: Path) -> None:
     text = (site / "index.html").read_text()
     assert "Try it in a minute" in text

@@ -22,7 +22,7 @@ MOST = {
     "seven positional arguments": 21,
     "NaN by x != x": 1,
     "more than 100 columns": 136,
-    "a function of more than 62 lines": 6,
+    "a function of more than 62 lines": 3,
     "a record of more than five fields by position": 9,
     "kept from the formatter": 9,
 }
@@ -54,12 +54,23 @@ def of_node(node: ast.AST) -> Iterator[str]:
         yield "seven positional arguments"
     if isinstance(node, ast.Compare) and with_itself(node):
         yield "NaN by x != x"
-    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-        assert node.end_lineno is not None
-        if node.end_lineno - node.lineno + 1 > LONG_FUNCTION:
-            yield "a function of more than 62 lines"
+    function = isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+    if function and lines_of(node) > LONG_FUNCTION:
+        yield "a function of more than 62 lines"
     if isinstance(node, ast.ClassDef) and by_position(node):
         yield "a record of more than five fields by position"
+
+
+def lines_of(node: ast.AST) -> int:
+    """Lines of a function without its docstring, which is as long as what is public must say."""
+    assert isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+    assert node.end_lineno is not None
+    lines = node.end_lineno - node.lineno + 1
+    first = node.body[0]
+    if ast.get_docstring(node) is not None:
+        assert first.end_lineno is not None
+        lines -= first.end_lineno - first.lineno + 1
+    return lines
 
 
 def packed(node: ast.Assign) -> bool:

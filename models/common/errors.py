@@ -8,6 +8,16 @@ class UserError(Exception):
     """Base of every error that is reported as one line, without a traceback.
 
     ``exit_code`` is the documented exit code of the command that meets it.
+
+    Examples
+    --------
+    >>> import replay
+    >>> from models.common.errors import UserError
+    >>> try:
+    ...     replay.load("no_such_flight.tlog")
+    ... except UserError as error:
+    ...     print(error.exit_code, error)
+    3 no_such_flight.tlog: cannot be read (No such file or directory)
     """
 
     exit_code = 2

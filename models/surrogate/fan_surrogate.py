@@ -67,9 +67,15 @@ class Calibration:
 class FanSurrogate:
     """One fan's wrench over (h, d, rpm), corner frame: lift(rpm) x (free-air share + gate(h, d) x increment(x)).
 
-    h, d in m (``inf``: no ground, no wall), rpm of the fan; all broadcast. Exactly the free-air wrench far from both,
-    exactly zero at rest; NaN or a negative speed or distance gives NaN with trust 0. Nearer than the data the nearest
-    data hold; outside their rotor speeds the coefficients do, under the lift law.
+    Corner frame: X to the wall, Z up. All methods take the same three arrays, which broadcast:
+
+    - ``h``: height of the fan's reference point above the ground [m], ``inf`` where there is none,
+    - ``d``: distance of its lip from the wall [m], ``inf`` where there is none,
+    - ``rpm``: rotor speed [1/min].
+
+    Exactly the free-air wrench far from both, exactly zero at rest; NaN or a negative speed or distance gives NaN with
+    trust 0. Nearer than the data the nearest data hold; outside their rotor speeds the coefficients do, under the lift
+    law. ``models.load`` and ``models.train`` make one.
     """
 
     free_air_law: FreeAir
@@ -78,6 +84,7 @@ class FanSurrogate:
     calibration: Calibration
     domain: Domain
     effects: tuple[AdoptedEffect, ...] = ()
+    """What a diagnosis has added: name and parameters, SI."""
     info: Mapping[str, Any] = field(default_factory=dict)
     """Everything else model.json says: method, data, metrics, fidelity."""
 
@@ -123,11 +130,22 @@ class FanSurrogate:
         return replace(self, effects=effects, info=self.info if info is None else info)
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """Total wrench (..., 6) of the fan in N and N m, corner frame.
+        """Total wrench of the fan.
 
-        ``h``: reference point to ground [m], ``d``: lip to wall [m], inf where there is none, ``rpm``: rotor speed
-        [1/min]. They broadcast. NaN where one is not a number or below zero.
+        Parameters
+        ----------
+        h, d : array_like
+            Height and wall distance [m]; ``inf`` where there is none.
+        rpm : array_like
+            Rotor speed [1/min].
 
+        Returns
+        -------
+        ndarray (..., 6)
+            Force [N] and moment [N m], corner frame. NaN where an input is not a number or below zero.
+
+        Examples
+        --------
         >>> import models, numpy as np
         >>> models.load().wrench(np.inf, np.inf, [3000.0, 4000.0]).shape
         (2, 6)
@@ -135,11 +153,47 @@ class FanSurrogate:
         return self.query(h, d, rpm).wrench
 
     def predict(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """The same as ``wrench``, by the name that estimators have for it."""
+        """The same as ``wrench``, by the name that estimators have for it.
+
+        Parameters
+        ----------
+        h, d : array_like
+            Height and wall distance [m]; ``inf`` where there is none.
+        rpm : array_like
+            Rotor speed [1/min].
+
+        Returns
+        -------
+        ndarray (..., 6)
+            Force [N] and moment [N m], corner frame.
+
+        Examples
+        --------
+        >>> import models
+        >>> bool((models.load().predict(0.3, 0.2, rpm=0.0) == 0.0).all())
+        True
+        """
         return self.wrench(h, d, rpm)
 
     def plot(self, rpm: float | None = None) -> ShownPage:
-        """Lift, pull and moment over height and over distance, as a page; ``rpm`` [1/min]: None for a usual speed."""
+        """Lift, pull and moment over height and over distance.
+
+        Parameters
+        ----------
+        rpm : float or None
+            Rotor speed [1/min]. None: 4000.
+
+        Returns
+        -------
+        ShownPage
+            A notebook shows it; ``save(FILE)`` writes it as HTML.
+
+        Examples
+        --------
+        >>> import models
+        >>> models.load().plot().save("fan.html").name
+        'fan.html'
+        """
         from models.surrogate.pictures import surfaces
 
         return surfaces(self, rpm)
@@ -160,8 +214,22 @@ class FanSurrogate:
         return self.plot()._repr_html_()
 
     def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread.
+        """How far the answer is to be believed.
 
+        Parameters
+        ----------
+        h, d : array_like
+            Height and wall distance [m]; ``inf`` where there is none.
+        rpm : array_like
+            Rotor speed [1/min].
+
+        Returns
+        -------
+        ndarray (...)
+            1 inside the data, 0 far outside them; lowered by the spread.
+
+        Examples
+        --------
         >>> import models
         >>> models.load().trust([0.3, 0.3], [0.2, 0.2], [4000.0, 40000.0]).round(1).tolist()
         [1.0, 0.0]
@@ -178,7 +246,27 @@ class FanSurrogate:
         return out
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
-        """Wrench, spread and trust at once: one pass through the regressor."""
+        """Wrench, standard deviation and trust at once.
+
+        Parameters
+        ----------
+        h, d : array_like
+            Height and wall distance [m]; ``inf`` where there is none.
+        rpm : array_like
+            Rotor speed [1/min].
+
+        Returns
+        -------
+        Answer
+            ``wrench`` and ``sigma`` (..., 6) [N, N m], corner frame; ``trust`` (...) from 0 to 1.
+
+        Examples
+        --------
+        >>> import models
+        >>> answer = models.load().query(h=[0.3, 0.6], d=0.2, rpm=4000.0)
+        >>> answer.wrench.shape, answer.sigma.shape, answer.trust.shape
+        ((2, 6), (2, 6), (2,))
+        """
         arrays = [np.asarray(v, dtype=float) for v in (h, d, rpm)]
         shape = np.broadcast_shapes(*(a.shape for a in arrays))
         n = math.prod(shape)

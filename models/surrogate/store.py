@@ -34,9 +34,26 @@ REGRESSORS = {r.kind: r for r in (NetEnsemble, KrigingRegressor, PolynomialRegre
 
 
 def save_model(directory: Path | str, model: FanSurrogate) -> None:
-    """Write ``model`` as a model directory; an existing one is replaced.
+    """Write a surrogate as a model directory; an existing one is replaced.
 
-    ``model.info`` is kept: an amended model (``FanSurrogate.with_effects``) stays what it was plus its effects.
+    Parameters
+    ----------
+    directory : path
+        Made where there is none.
+    model : FanSurrogate
+        Its ``info`` is kept: a model with adopted effects stays what it was, plus its effects.
+
+    Raises
+    ------
+    ModelError
+        The directory cannot be written.
+
+    Examples
+    --------
+    >>> import models
+    >>> models.save_model("my-model", models.load())
+    >>> models.load("my-model")
+    FanSurrogate(method='ensemble', rows=2310, rotor_radius_m=0.165, effects=[])
     """
     directory = Path(directory)
     arrays = {**model.regressor.arrays(), "domain_map": model.domain.map}
@@ -70,17 +87,31 @@ def save_model(directory: Path | str, model: FanSurrogate) -> None:
 
 
 def load(directory: Path | str | None = None) -> FanSurrogate:
-    """Load a model directory, or a shipped model by its name; without either, the shipped default.
+    """Load the surrogate of a fan.
 
+    Parameters
+    ----------
+    directory : path, str or None
+        A model directory, or the name of a shipped model. None: the shipped default.
+
+    Returns
+    -------
+    FanSurrogate
+        It needs numpy alone.
+
+    Raises
+    ------
+    ModelError
+        A file is missing, damaged or of another schema, or the weights are not those that were declared.
+
+    Examples
+    --------
     >>> import models
     >>> fan = models.load()
     >>> fan
     FanSurrogate(method='ensemble', rows=2310, rotor_radius_m=0.165, effects=[])
-    >>> float(fan.wrench(h=0.3, d=0.2, rpm=4000.0)[2].round(1))
+    >>> float(fan.wrench(h=0.3, d=0.2, rpm=4000.0)[2].round(1))  # lift [N], 0.3 m up and 0.2 m from a wall
     22.8
-
-    Raises ModelError naming the file: missing, not JSON, another schema or units, a key missing, weights whose hash
-    is not the one declared, or that cannot be read.
     """
     if directory is None:
         directory = DEFAULT

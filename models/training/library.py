@@ -18,18 +18,33 @@ def train(
 ) -> FanSurrogate:
     """A surrogate of one fan: six wrench components over height, wall distance and rotor speed.
 
-    ``data``: a data set or its CSV file (docs/formats.md). ``method``: ``bp``, ``ga-bp``, ``adam-bp`` and
-    ``ga-adam-bp`` are the paper's (Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20, 5805; they need torch), ``kriging``,
-    ``polynomial`` and ``ensemble`` are others. ``fan_radii_m``: rotor and outer lip radius, kept in the model so that
-    it is not flown on another fan. What it reaches on places that were not trained on is in ``info["metrics"]``.
+    Parameters
+    ----------
+    data : DataSet, path or str
+        Measured or simulated wrenches, or their CSV file (docs/formats.md): SI, corner frame.
+    method : str
+        ``bp``, ``ga-bp``, ``adam-bp`` and ``ga-adam-bp`` are the paper's (Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20,
+        5805; they need the extra ``train``); ``kriging``, ``polynomial`` and ``ensemble`` are others.
+    seed : int
+        Of the split of the data and the first weights.
+    fan_radii_m : (float, float) or None
+        Radius of rotor and outer lip [m]. They are kept, so that the model is not flown on another fan.
 
-    Raises ModelError where the data or the method are wrong.
+    Returns
+    -------
+    FanSurrogate
+        ``info["metrics"]`` has its errors at places that were not trained on.
 
+    Raises
+    ------
+    ModelError
+        The data cannot be read or are too few, or the method is not known.
+
+    Examples
+    --------
     >>> import models
-    >>> from pathlib import Path
-    >>> flow = Path(models.__file__).with_name("data") / "corner_cfd.csv"
-    >>> models.train(flow, method="polynomial")
-    FanSurrogate(method='polynomial', rows=330, effects=[])
+    >>> models.train("fan.csv", method="polynomial")
+    FanSurrogate(method='polynomial', rows=2310, effects=[])
     """
     rows = data if isinstance(data, DataSet) else read(Path(data))
     return training.train(rows, method, seed, fan_radii_m=fan_radii_m).model

@@ -183,7 +183,7 @@ def train(
     fan that the data are of, kept in the model so that it is not flown on another one.
     """
     if method not in METHODS:
-        raise ModelError(f"--method {method}: is not known; give one of {', '.join(METHODS)}")
+        raise ModelError(f"method {method!r} is not known; give one of {', '.join(METHODS)}")
     start = time.perf_counter()
     data = free_air.level(data)
     test = held_out(data, np.random.default_rng(seed))

@@ -143,18 +143,36 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """Everything about the vehicle that the air does not decide. SI units, body FRD about the CG."""
+    """Everything about the vehicle that the air does not decide. SI units, body FRD about the CG.
+
+    Examples
+    --------
+    >>> from models.vehicle import load_vehicle
+    >>> vehicle = load_vehicle("my.toml")
+    >>> vehicle.fan_positions_m.shape, vehicle.telemetered
+    ((4, 3), True)
+    """
 
     name: str
+    """In texts and pages."""
     mass_kg: Annotated[float, above(0.0, 1e4)]
+    """At take-off, with battery and load."""
     inertia_kgm2: Annotated[Vector3, above(0.0, 1e4)]
+    """Moments of inertia about the axes of the body."""
     hover_thrust: Annotated[float, above(0.0, 1.0)]
+    """Share of full throttle at which it hovers."""
     rotor_radius_m: Annotated[float, above(0.0, 10.0)]
+    """Of every rotor."""
     fans: tuple[Fan, ...]
+    """Lifting units: one rotor, or two on one axis."""
     vanes: tuple[Vane, ...] = ()
+    """Control vanes in the exhaust of fans."""
     throttle: Throttle | None = None
+    """Thrust by outputs; None where the ESCs tell rotor speeds."""
     rangefinders: tuple[Rangefinder, ...] = ()
+    """Range sensors, where they sit and look."""
     limits: Limits = field(default_factory=Limits)
+    """How far and how fast an offset may go."""
     assumed: tuple[Annotated[str, Options({key: key for key in ASSUMABLE})], ...] = ()
     """Keys whose numbers are typical of such vehicles, not of this one. Without ``position_m`` no moment is judged."""
 
@@ -164,7 +182,13 @@ class Vehicle:
         return "mass_kg" in self.assumed
 
     def problem(self) -> Problem | None:
-        """What is wrong with the values together."""
+        """What is wrong with the values together.
+
+        Returns
+        -------
+        (str, str) or None
+            A key, and what is wrong with it.
+        """
         if 2.0 * max(self.inertia_kgm2) > sum(self.inertia_kgm2) * (1.0 + 1e-9):
             return (
                 "inertia_kgm2",
@@ -270,5 +294,16 @@ class Vehicle:
         return (*declared, Rangefinder(up, "ceiling", (0.0, 0.0, 0.0)))
 
     def rangefinders_for(self, target: str) -> tuple[Rangefinder, ...]:
-        """The rangefinders declared to look at ``target``."""
+        """The rangefinders that look at one kind of surface.
+
+        Parameters
+        ----------
+        target : str
+            As in the vehicle file: ``ground``, ``wall``, ``ceiling`` or ``none``.
+
+        Returns
+        -------
+        tuple of Rangefinder
+            In the order of the file.
+        """
         return tuple(r for r in self.rangefinders if r.target == target)

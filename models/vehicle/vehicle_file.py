@@ -14,14 +14,28 @@ from models.vehicle.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Va
 def load_vehicle(path: Path | str) -> Vehicle:
     """Read and check a vehicle file.
 
-    >>> from companion.vehicles import QUAD
+    Parameters
+    ----------
+    path : path or str
+        A TOML file (docs/vehicle.md).
+
+    Returns
+    -------
+    Vehicle
+        SI units, body FRD.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read, a key is unknown or missing, a value is impossible, or no such vehicle can be. File and key
+        are named.
+
+    Examples
+    --------
     >>> from models.vehicle import load_vehicle
-    >>> vehicle = load_vehicle(QUAD)
+    >>> vehicle = load_vehicle("my.toml")
     >>> vehicle.name, vehicle.mass_kg, len(vehicle.rotors)
     ('quadrotor', 3.0, 4)
-
-    Raises ConfigError naming the file and the key: unreadable, not TOML, unknown or missing key, impossible value, a
-    vehicle that cannot be (models/vehicle/plausibility.py, which also has the warnings about an odd one).
     """
     return parse_vehicle(read_text("vehicle file", Path(path)), str(path))
 

@@ -100,16 +100,35 @@ def load(
     target_system: int | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> list[FlightLog]:
-    """Every boot in the log, in order, each quantity from one of its instances (``replay/sources``).
+    """Read a log: every boot in it, in order.
 
-    ``settings``: the instance to take, by quantity. Raises LogError in one line where the log cannot be read, and
-    ConfigError where it has no such instance.
+    Parameters
+    ----------
+    path : path or str
+        ``.tlog``, ``.BIN``, ``.ulg``, or a format that another package adds.
+    target_system : int or None
+        MAVLink system of the vehicle, where the log holds several.
+    settings : mapping or None
+        Quantity to the instance to take (docs/logs.md). None: the one that the autopilot used.
 
+    Returns
+    -------
+    list of FlightLog
+        SI, world NED, body FRD.
+
+    Raises
+    ------
+    LogError
+        It cannot be read.
+    ConfigError
+        It has no such instance.
+
+    Examples
+    --------
     >>> import replay
-    >>> flight = replay.load("flight.ulg")[0]  # doctest: +SKIP
-    >>> replay.load("no_such_flight.tlog")
-    Traceback (most recent call last):
-    models.common.errors.LogError: no_such_flight.tlog: cannot be read (No such file or directory)
+    >>> (flight,) = replay.load("flight.tlog")
+    >>> flight.attitude.values.shape[1], flight.beam("up") is None
+    (4, True)
     """
     path = Path(path)
     if path.is_dir():

@@ -5,16 +5,53 @@ The name of an entry point is the suffix without its dot, its value a function `
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from models.common.errors import LogError, UserError
 from replay.flightlog import FlightLog
 
 GROUP = "corner.log_formats"
-Reader = Callable[[Path], list[FlightLog]]
+
+
+class LogReader(Protocol):
+    """What an entry point ``corner.log_formats`` names: a function that reads a log format.
+
+    Examples
+    --------
+    The entry point ``mycsv = "own_log_format:read"`` of a package reads ``flight.mycsv``:
+
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from replay import FlightLog
+    >>> from replay.flightlog import Series
+    >>> def read(path: Path) -> list[FlightLog]:
+    ...     t_s = np.arange(3.0)
+    ...     level = Series(t_s, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
+    ...     return [FlightLog(path=path, system=1, boot=0, start_s=0.0, end_s=2.0, attitude=level)]
+    >>> read(Path("flight.mycsv"))[0].duration_s
+    2.0
+    """
+
+    def __call__(self, path: Path, /) -> list[FlightLog]:
+        """Read one file.
+
+        Parameters
+        ----------
+        path : Path
+            The log.
+
+        Returns
+        -------
+        list of FlightLog
+            One for each boot, at least one: SI, world NED, body FRD.
+
+        Raises
+        ------
+        LogError
+            It cannot be read. Any other exception becomes one that names the package.
+        """
 
 
 def plugin_suffixes() -> tuple[str, ...]:
@@ -22,7 +59,7 @@ def plugin_suffixes() -> tuple[str, ...]:
     return tuple(sorted({_suffix(entry) for entry in entry_points(group=GROUP)}))
 
 
-def plugin_reader(suffix: str) -> Reader | None:
+def plugin_reader(suffix: str) -> LogReader | None:
     """The reader of a suffix, None where no package has one.
 
     Raises LogError, which names the package, where two have one or it cannot be loaded.
@@ -44,10 +81,10 @@ def plugin_reader(suffix: str) -> Reader | None:
     return _guarded(read, _package(entry))
 
 
-def _guarded(read: Any, package: str) -> Reader:
+def _guarded(read: Any, package: str) -> LogReader:
     """The same reader; what goes wrong in it is one line with the package's name."""
 
-    def guarded(path: Path) -> list[FlightLog]:
+    def guarded(path: Path, /) -> list[FlightLog]:
         try:
             logs = list(read(path))
         except (UserError, MemoryError):

@@ -28,9 +28,23 @@ STANDARD_CELSIUS = 15.0
 
 @dataclass(frozen=True)
 class FlightModel:
-    """What flies: a vehicle, the surrogate of its fans (None: rotors in free air), and adopted effects.
+    """What flies.
 
-    The effects that ``fan_model`` has adopted act, too.
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its mass, inertia and rotors.
+    fan_model : FanSurrogate or None
+        Of its fans; its adopted effects act, too. None: rotors in free air.
+    effects : tuple of AdoptedEffect
+        What acts besides.
+
+    Examples
+    --------
+    >>> from models.vehicle import load_vehicle
+    >>> from replay import FlightModel
+    >>> FlightModel(load_vehicle("my.toml")).adopted
+    ()
     """
 
     vehicle: Vehicle
@@ -45,7 +59,18 @@ class FlightModel:
         return (*self.fan_model.effects, *self.effects)
 
     def wrench(self, state: AirState) -> Array:
-        """Of air and load about the CG (..., 6) [N, N m], body FRD."""
+        """Of air and load about the CG.
+
+        Parameters
+        ----------
+        state : AirState
+            Leading shape (...).
+
+        Returns
+        -------
+        ndarray (..., 6)
+            Force [N] and moment [N m], body FRD.
+        """
         context = Context(state=state, vehicle=self.vehicle, model=self.fan_model)
         turning = replace(state, rpm=context.rotor_rpm)
         declared = modelled_wrench(self.vehicle, self.fan_model, turning)
@@ -81,32 +106,53 @@ def rollout(
     rotations: ArrayLike | None = None,
     weather: AirState | None = None,
 ) -> Array:
-    """States (n, steps, 13) that follow ``states`` (n, 13), one step of ``step_s`` after the other.
-
-    A state is position NED [m], velocity NED [m/s], quaternion (w first, body FRD to NED) and body rates [rad/s].
-    ``inputs`` (n, steps, rotors) are rotor speeds [rpm] in the order of ``Vehicle.rotors``, or outputs [us] where the
-    vehicle's thrust is declared by outputs. Step k uses inputs and ``beside`` of step k alone.
-
-    ``near``: ground and wall at the start; None: free air.
-    ``beside`` (n, steps, 6): a wrench that acts besides [N, N m], body FRD about the CG.
-    ``rotations`` (n, steps, 3, 3): the measured attitude; it is then not predicted, nor are the rates.
-    ``weather``: a state of leading shape (n,) whose battery, pressure and temperature hold over the window.
+    """The motion that follows from measured states and rotor speeds, by the model.
 
     The body is rigid: m v' = R F + m g, J w' = M - w x J w (Euler). Velocity and rates take a step of the acceleration
     that velocity and rates at its start make at the attitude of its middle; place and attitude take the mean of their
-    rates of change over the step.
-    Raises ConfigError where shapes do not fit.
+    rates of change over the step. Step k uses the inputs of step k alone.
 
+    Parameters
+    ----------
+    model : FlightModel
+        What flies.
+    states : array_like (n, 13)
+        Where ``n`` windows begin: position NED [m], velocity NED [m/s], quaternion (w first, body FRD to NED), body
+        rates [rad/s].
+    inputs : array_like (n, steps, rotors)
+        Rotor speeds [rpm] in the order of ``Vehicle.rotors``, or outputs [us] where the thrust is declared by outputs.
+    step_s : float
+        Length of a step [s].
+    near : Surroundings or None
+        Ground and wall at the start. None: free air.
+    beside : array_like (n, steps, 6) or None
+        A wrench that acts besides [N, N m], body FRD about the CG.
+    rotations : array_like (n, steps, 3, 3) or None
+        The measured attitude; it is then not predicted, nor are the rates.
+    weather : AirState or None
+        Leading shape (n,): its battery, pressure and temperature hold over the window.
+
+    Returns
+    -------
+    ndarray (n, steps, 13)
+        States after each step, as ``states``.
+
+    Raises
+    ------
+    ConfigError
+        Shapes do not fit.
+
+    Examples
+    --------
     A vehicle of 3 kg at rest, 2 m up, with its rotors stopped, falls for half a second:
 
     >>> import numpy as np
-    >>> from companion.vehicles import QUAD
     >>> from models.vehicle import load_vehicle
     >>> from replay import FlightModel, rollout
     >>> start = np.zeros((1, 13))
     >>> start[0, 2] = -2.0
     >>> start[0, 6] = 1.0
-    >>> path = rollout(FlightModel(load_vehicle(QUAD)), start, np.zeros((1, 50, 4)))
+    >>> path = rollout(FlightModel(load_vehicle("my.toml")), start, np.zeros((1, 50, 4)))
     >>> path.shape, float(path[0, -1, 2].round(2))
     ((1, 50, 13), -0.77)
     """

@@ -42,25 +42,44 @@ from replay.residual.validity import Airborne, Excluded, JudgedTime, airborne, j
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """One flight, ready to be searched: rows on a uniform clock, smoothed alike.
+    """One flight, ready to be searched: ``n`` rows on a uniform clock, smoothed alike.
 
-    ``residual`` (n, 6) in N and N m; ``valid`` (n,); ``axes`` the axes that this log can judge.
-    ``kinematic_bias`` (n, 3): accelerometer minus the specific force that velocity and attitude imply, body FRD.
+    Examples
+    --------
+    >>> import replay
+    >>> from models.vehicle import load_vehicle
+    >>> (flight,) = replay.load("flight.tlog")
+    >>> record = replay.build_record(flight, load_vehicle("my.toml"), model=None)
+    >>> record.residual.shape == (len(record.time_s), 6), record.axes
+    (True, (0, 1, 2, 3, 4, 5))
     """
 
     name: str
+    """In texts."""
     path: Path
+    """Of the log."""
     context: Context
+    """State of the air and the vehicle, row by row: what effects look at."""
     residual: Array
+    """(n, 6) measured minus modelled force and moment [N, N m], body FRD about the CG."""
     measured: Array
+    """(n, 6) what the motion takes [N, N m]."""
     valid: Mask
+    """(n,) rows that are judged."""
     axes: tuple[int, ...]
+    """Axes that this log can judge: 0 to 2 forces, 3 to 5 moments."""
     step_s: float
+    """Of the clock."""
     kinematic_bias: Array
+    """(n, 3) accelerometer minus the specific force that velocity and attitude imply [m/s^2], body FRD."""
     channels: dict[str, Array]
+    """Named quantities (n,), for plots and regressions."""
     delays: tuple[Delay, ...]
+    """By how much rotor speeds and ranges are late."""
     excluded: tuple[Excluded, ...]
+    """Time that is not judged, and why."""
     notes: tuple[str, ...] = field(default=())
+    """For people, one sentence each."""
     faults: tuple[LogFault, ...] = field(default=())
     """What is wrong with the log or the vehicle file, and is named as no effect."""
     blind: tuple[int, ...] = ()
@@ -72,12 +91,12 @@ class Record:
 
     @property
     def time_s(self) -> Array:
-        """(n,)."""
+        """(n,) boot time of the autopilot [s]."""
         return self.context.state.time_s
 
     @property
     def seconds(self) -> float:
-        """Time that was judged."""
+        """Time that was judged [s]."""
         return float(self.valid.sum() * self.step_s)
 
 
@@ -154,7 +173,41 @@ def build_record(
     effects: tuple[AdoptedEffect, ...] = (),
     name: str = "",
 ) -> Record:
-    """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
+    """The residual of one flight: measured minus modelled force and moment.
+
+    Parameters
+    ----------
+    log : FlightLog
+        One boot.
+    vehicle : Vehicle
+        What flew.
+    model : FanSurrogate or None
+        Of its fans. None: rotors in free air.
+    effects : tuple of AdoptedEffect
+        What acts besides.
+    name : str
+        In texts; the name of the file where empty.
+
+    Returns
+    -------
+    Record
+        Rows on one clock [N, N m], body FRD about the CG.
+
+    Raises
+    ------
+    LogError
+        The log lacks what is needed, or too little of it can be judged.
+
+    Examples
+    --------
+    >>> import replay
+    >>> from models.vehicle import load_vehicle
+    >>> (flight,) = replay.load("flight.tlog")
+    >>> record = replay.build_record(flight, load_vehicle("my.toml"), model=None)
+    >>> push = record.residual[record.valid].mean(axis=0)
+    >>> float(push[2].round(0))  # a load of 0.6 kg that the file does not know [N, down]
+    6.0
+    """
     flown = fly_again(log, vehicle, model, effects)
     motion = flown.motion
     grid = motion.grid

@@ -83,7 +83,7 @@ def test_training_repeats_by_seed(small: DataSet) -> None:
 
 
 def test_an_unknown_method_is_refused(small: DataSet) -> None:
-    with pytest.raises(ModelError, match="--method forest: is not known"):
+    with pytest.raises(ModelError, match="method 'forest' is not known"):
         train.train(small, "forest")
 
 
