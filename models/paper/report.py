@@ -61,7 +61,7 @@ def _table(one: Exhibit) -> str:
     for row in one.rows:
         cells = "".join(f"<td>{escape(cell)}</td>" for cell in row)
         body.append(f"<tr>{cells}</tr>")
-    return f'<div class="wide"><table><tr>{head}</tr>{"".join(body)}</table></div>'
+    return f'<div class="wide" tabindex="0"><table><tr>{head}</tr>{"".join(body)}</table></div>'
 
 
 def _csv(one: Exhibit) -> str:

@@ -54,8 +54,9 @@ def surfaces(model: Queried, rpm: float | None = None) -> ShownPage:
         _plot("Pull of a wall", "distance [m]", "% of lift", distance, wall, PULL),
         _plot("Moment of a wall", "distance [m]", "% of lift, m", distance, wall, MOMENT),
     ]
+    title = "Surrogate of a fan"
     text = f"<p>{escape(repr(model))}, at {speed:.0f} rpm: {lift:.3g} N in free air.</p>"
-    return ShownPage(document("Surrogate of a fan", [text, *plots]))
+    return ShownPage(document(title, [f"<h1>{title}</h1>", text, *plots]))
 
 
 def _shares(model: Queried, h: Array, d: Array, rpm: float, lift: float) -> tuple[Array, Array]:

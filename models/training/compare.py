@@ -295,7 +295,7 @@ def write_page(directory: Path, result: Comparison, command: str) -> Path:
     parts = [
         f"<h1>{escape(head)}</h1>",
         verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
-        f"<pre>{escape(text(result.numbers))}</pre>",
+        f'<pre tabindex="0">{escape(text(result.numbers))}</pre>',
         "<div "
         f'class="plots">{"".join(regression(result, method) for method in train.METHODS)}</div>',
     ]

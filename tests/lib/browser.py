@@ -191,10 +191,11 @@ class Browser:
         )  # fmt: skip
 
     def value(self, expression: str) -> Any:
-        """A JavaScript expression, evaluated in the page."""
-        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)[
-            "result"
-        ].get("value")
+        """A JavaScript expression, evaluated in the page; of a promise what it brings."""
+        answer = self.ask(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
+        return answer["result"].get("value")
 
     def picture(self) -> bytes:
         """The whole page as PNG."""
