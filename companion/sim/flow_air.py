@@ -15,6 +15,7 @@ import numpy as np
 
 from companion.sim.air import NOMINAL, PAPER_CQ, PAPER_CT, RPM_HOVER, Increments
 from models.common.errors import ConfigError
+from models.common.extras import how_to_install
 from models.common.frames import Array
 from models.corner_law import ClosedForm
 from models.dataset import DataSet, half, read
@@ -87,9 +88,7 @@ def _interpolated(place: Array, values: Array, grid: Array) -> Array:
 def require_scipy() -> None:
     """Raises ConfigError where it is not installed."""
     if find_spec("scipy") is None:
-        raise ConfigError(
-            "sim:corner_cfd: needs the package scipy: pip install 'corner-compensator[replay]'"
-        )
+        raise ConfigError(f"sim:corner_cfd: needs the package scipy: {how_to_install('replay')}")
 
 
 @lru_cache(maxsize=1)

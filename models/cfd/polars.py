@@ -19,6 +19,7 @@ import numpy as np
 
 from models.cfd.config import Setup
 from models.common.errors import ConfigError
+from models.common.extras import how_to_install
 from models.common.frames import Array
 
 Section = Callable[[Array, float], tuple[Array, Array]]
@@ -106,9 +107,7 @@ def neural_section(name: str) -> Section:
     try:
         import aerosandbox
     except ImportError:
-        raise ConfigError(
-            "blade polars need neuralfoil: pip install 'corner-compensator[cfd]'"
-        ) from None
+        raise ConfigError(f"blade polars need neuralfoil: {how_to_install('cfd')}") from None
     with warnings.catch_warnings():
         # It warns where it should refuse; refused below.
         warnings.simplefilter("ignore")

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from models.common.errors import ConfigError, UserError
+from models.common.extras import how_to_install
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
@@ -60,7 +61,7 @@ def run_command(program: str, extra: str, run: Callable[[], int]) -> int:
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] in ("companion", "models", "replay"):
             raise
-        text = f"this needs the package {error.name}: pip install 'corner-compensator[{extra}]'"
+        text = f"this needs the package {error.name}: {how_to_install(extra)}"
         code = ConfigError.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED

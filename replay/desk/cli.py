@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from companion.page.feed import read_address
 from models.common.arguments import INTERRUPTED
 from models.common.errors import ConfigError
+from models.common.extras import how_to_install
 
 if TYPE_CHECKING:
     from replay.desk.store import Desk
@@ -57,7 +58,7 @@ def run(a: argparse.Namespace) -> int:
         from replay.desk.store import Desk
     except ModuleNotFoundError as error:
         raise ConfigError(
-            f"serve: needs the package {error.name}: pip install 'corner-compensator[serve]'"
+            f"serve: needs the package {error.name}: {how_to_install('serve')}"
         ) from None
 
     try:

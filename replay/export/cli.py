@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from models.common.errors import ConfigError, LogError
+from models.common.extras import how_to_install
 from replay.pipeline_options import add_pipeline_options, assumed_parameters, pipeline_config
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, a missing package or an unwritable file; 3 log unreadable;
@@ -115,7 +116,7 @@ def _check_package(kind: str) -> None:
     package = _PACKAGES.get(kind)
     if package is not None and find_spec(package) is None:
         need = f"--to {kind}: needs the package {package.partition('.')[0]}"
-        raise ConfigError(f"{need}: pip install 'corner-compensator[export]', or --to csv")
+        raise ConfigError(f"{need}: {how_to_install('export')}, or --to csv")
 
 
 @contextmanager

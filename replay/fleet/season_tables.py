@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from models.common.errors import ConfigError
+from models.common.extras import how_to_install
 from models.common.pages.document import write_document
 from replay.fleet.season import Season
 
@@ -120,8 +121,7 @@ def check_parquet() -> None:
     """Raises ConfigError where the package is missing."""
     if find_spec("pyarrow") is None:
         raise ConfigError(
-            "--parquet: needs the package pyarrow: pip install 'corner-compensator[export]', or "
-            "--csv"
+            f"--parquet: needs the package pyarrow: {how_to_install('export')}, or --csv"
         )
 
 

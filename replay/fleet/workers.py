@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 
 from models.common.arguments import installed_version
 from models.common.errors import ConfigError
+from models.common.extras import how_to_install
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -214,7 +215,7 @@ def _cluster(place: Place) -> Iterator[Submit]:
         client = Client(place.scheduler, timeout="10s")
     except ImportError:
         raise ConfigError(
-            "--scheduler: needs the package distributed: pip install 'corner-compensator[cluster]'"
+            f"--scheduler: needs the package distributed: {how_to_install('cluster')}"
         ) from None
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(

@@ -19,6 +19,7 @@ from companion.sim.model_error import model_error
 from companion.sim.scenario import build
 from companion.sim.world import default_model, law_of
 from companion.vehicles import QUAD, default_vehicle
+from models.common.extras import how_to_install
 from models.dataset import half, read
 from models.vehicle import load_vehicle
 
@@ -104,4 +105,4 @@ def test_without_scipy_it_is_refused_with_what_to_install(command, monkeypatch, 
     assert cli.main(["--connect", "sim:corner_cfd", *command]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "sim:corner_cfd" in line
-    assert "pip install 'corner-compensator[replay]'" in line
+    assert how_to_install("replay") in line

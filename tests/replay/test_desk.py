@@ -19,6 +19,7 @@ from log_writers import QUAD_MASS_KG, frame, quad_flight, write_tlog
 from patience import HANG_S
 
 from companion.mavlink.dialect import mavlink
+from models.common.extras import how_to_install
 
 testclient = pytest.importorskip(
     "starlette.testclient", reason="starlette is not installed (extra: serve)"
@@ -516,4 +517,4 @@ def test_without_the_server_the_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     assert main(["serve", ":0"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "pip install 'corner-compensator[serve]'" in line
+    assert how_to_install("serve") in line

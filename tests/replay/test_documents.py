@@ -211,6 +211,14 @@ def test_the_readme_is_short_and_begins_with_the_two_commands_of_a_fresh_machine
     assert second.strip().endswith("python -m pytest")
 
 
+def test_the_readme_installs_what_reads_logs_before_it_is_used():
+    lines = list(commands(README))
+    first = next(k for k, line in enumerate(lines) if line.startswith("replay "))
+    before = " ".join(lines[:first])
+    assert ". .venv/bin/activate" in before
+    assert '".[serve]"' in before
+
+
 def test_results_page_and_table_of_the_readme_are_what_the_json_files_give():
     found = results_page.results()
     assert results_page.PAGE.read_text(encoding="utf-8") == results_page.page(found), (

@@ -13,6 +13,7 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.vehicles import TANDEM, default_vehicle
+from models.common.extras import how_to_install
 from replay.cli import main
 from replay.export import files
 from replay.export.columns import recorded
@@ -195,7 +196,7 @@ def test_a_missing_library_is_one_line(log, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     assert main(["export", str(log), "--to", "mcap", "--out", str(tmp_path / "x.mcap")]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "pip install 'corner-compensator[export]'" in line
+    assert how_to_install("export") in line
     assert not list(tmp_path.glob("*x.mcap*"))
 
 

@@ -13,6 +13,7 @@ from patience import HANG_S
 
 from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD, TANDEM
+from models.common.extras import how_to_install
 from replay.cli import main
 from replay.logs.tlog import read_tlog
 
@@ -233,7 +234,4 @@ def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(
     out = ["--out", str(log.parent / "out")] if folder else []
     assert main(["diagnose", str(log.parent if folder else log), "--vehicle", str(QUAD), *out]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert (
-        line
-        == "replay: this needs the package scipy.linalg: pip install 'corner-compensator[replay]'"
-    )
+    assert line == f"replay: this needs the package scipy.linalg: {how_to_install('replay')}"
