@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from models.common.errors import NotFittedError
+from models.common.errors import ConfigError, NotFittedError
 from models.common.frames import AXES
 from models.common.pages.shown import ShownPage
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -18,7 +18,7 @@ from replay.diagnosis.amended_model import amended
 from replay.diagnosis.html_report import page
 from replay.diagnosis.model_faults import model_faults
 from replay.effect_table import EffectTable, effect_table
-from replay.notebook import DEFAULT, NotebookDiagnosis, diagnose
+from replay.notebook import DEFAULT, NotebookDiagnosis, diagnose, log_paths
 from replay.predict.predict import Prediction, predict
 from replay.search.channel import hundredths
 
@@ -95,7 +95,7 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         Raises
         ------
         LogError
-            A log cannot be judged.
+            A log cannot be judged, or none is given.
         ConfigError, ModelError
             Vehicle or model are wrong.
         """
@@ -141,10 +141,16 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         NotFittedError
             ``fit`` was not called.
         LogError
-            A log cannot be judged.
+            A log cannot be judged, or none is given.
+        ConfigError
+            The horizon is not above 0.
         """
         self._check()
-        return predict(_paths(logs), self.vehicle_, self.model_, frozen=frozen, horizon_s=horizon_s)
+        if horizon_s is not None and not horizon_s > 0.0:
+            raise ConfigError(f"horizon_s {horizon_s:g}: must be above 0")
+        return predict(
+            log_paths(logs), self.vehicle_, self.model_, frozen=frozen, horizon_s=horizon_s
+        )
 
     def score(self, logs: Log | Sequence[Log], y: object = None, *, frozen: bool = False) -> float:
         """Share of the residual's energy on other logs that the amended model explains.
@@ -170,7 +176,7 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         NotFittedError
             ``fit`` was not called.
         LogError
-            A log cannot be judged.
+            A log cannot be judged, or none is given.
         """
         prediction = self.predict(logs, frozen=frozen)
         unit = hundredths(prediction.records[0].context)
@@ -227,9 +233,3 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
     def _check(self) -> None:
         if not hasattr(self, "answer_"):
             raise NotFittedError("this Diagnosis is not fitted yet: call fit(LOGS) first")
-
-
-def _paths(logs: Log | Sequence[Log]) -> list[Path]:
-    if isinstance(logs, Path | str):
-        return [Path(logs)]
-    return [Path(log) for log in logs]

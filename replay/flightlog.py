@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Ring
 from models.air_state import DIRECTIONS
+from models.common.errors import ConfigError
 from models.common.frames import Array
 from replay.spill import picked, release
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
 """MAV_SENSOR_ORIENTATION of each body axis."""
+OTHER = "other"
+"""Name of a direction that is none of them."""
 _SAME_DIRECTION = math.cos(math.radians(20.0))
 """A beam belongs to the body axis within 20 degrees of it: mounts are seldom truer, neighbouring orientations are 45
 degrees apart."""
@@ -44,6 +47,10 @@ class Series:
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    def __repr__(self) -> str:
+        rows, columns = self.values.shape
+        return f"Series({self.source!r}, {rows} x {columns}, {self.rate_hz:.3g} Hz)"
 
     @property
     def rate_hz(self) -> float:
@@ -415,6 +422,10 @@ class FlightLog:
     summary: LogSummary = field(repr=False, default=LogSummary(0, 0, ()))
     """What the file held, and what was dropped or repaired."""
 
+    def __repr__(self) -> str:
+        held = [f.name for f in fields(self) if isinstance(getattr(self, f.name), Series)]
+        return f"FlightLog({self.path.name!r}, {self.duration_s:.1f} s, with {', '.join(held)})"
+
     @property
     def duration_s(self) -> float:
         """Length of the boot in the log [s]."""
@@ -472,7 +483,14 @@ class FlightLog:
         -------
         Beam or None
             None where none looks there.
+
+        Raises
+        ------
+        ConfigError
+            There is no such direction.
         """
+        if direction not in (*_AXES, OTHER):
+            raise ConfigError(f"{direction}: is no direction; give one of {', '.join(_AXES)}")
         beams = [b for b in self.beams if b.name == direction]
         own = sorted((b for b in beams if b.source != "RANGEFINDER"), key=lambda b: -len(b.good))
         old = next((b for b in beams if b.source == "RANGEFINDER"), None)
@@ -514,4 +532,4 @@ def direction_name(direction: tuple[float, float, float]) -> str:
         assert axis is not None
         if float(np.dot(axis, direction)) >= _SAME_DIRECTION:
             return name
-    return "other"
+    return OTHER

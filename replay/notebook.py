@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from companion.vehicles import chosen_vehicle
 from models.choice import choose
+from models.common.errors import LogError
 from models.common.pages.shown import ShownPage
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -18,12 +19,12 @@ from replay.diagnosis.answer import Diagnosis
 from replay.diagnosis.html_report import page
 from replay.diagnosis.model_faults import model_faults
 from replay.vehicle.draft import draft
-from replay.vehicle.given import INCH_M, Given
+from replay.vehicle.given import INCH_M, MOST_INCH, MOST_KG, MOST_SPAN_M, Given, check_size
 
 DEFAULT = "default"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class NotebookDiagnosis(Diagnosis):
     """A diagnosis, as ``replay diagnose`` gives it, that a notebook shows as its page."""
 
@@ -65,9 +66,9 @@ def diagnose(
     Raises
     ------
     LogError
-        A log cannot be judged.
+        A log cannot be judged, or none is given.
     ConfigError, ModelError
-        Vehicle or model are wrong.
+        Vehicle, model or a number are wrong.
 
     Examples
     --------
@@ -76,10 +77,10 @@ def diagnose(
     >>> "payload" in [found.effect.name for found in answer.found]
     True
     """
-    if isinstance(logs, Path | str):
-        paths = [Path(logs)]
-    else:
-        paths = [Path(log) for log in logs]
+    paths = log_paths(logs)
+    check_size("mass_kg", mass_kg, MOST_KG)
+    check_size("propeller_inch", propeller_inch, MOST_INCH)
+    check_size("span_m", span_m, MOST_SPAN_M)
     notes: Sequence[str] = ()
     read = None
     if vehicle is None:
@@ -99,3 +100,13 @@ def diagnose(
     with threadpool_limits(limits=1):
         found = asked.diagnose(paths, vehicle, model, target_system=target_system, read=read)
     return NotebookDiagnosis(**vars(replace(found, notes=(*notes, *found.notes))))
+
+
+def log_paths(logs: Path | str | Sequence[Path | str]) -> list[Path]:
+    """One log or several, as paths. Raises LogError where there is none."""
+    if isinstance(logs, Path | str):
+        return [Path(logs)]
+    paths = [Path(log) for log in logs]
+    if not paths:
+        raise LogError("no log is given")
+    return paths

@@ -108,6 +108,7 @@ RAISED: dict[str, dict[type[UserError], Callable[[], object]]] = {
     },
     "replay.build_record": {
         LogError: lambda: replay.build_record(short_flight(), vehicle(), None),
+        ConfigError: lambda: replay.build_record(short_flight(), "my.toml", None),  # type: ignore[arg-type]
     },
     "replay.diagnose": {
         LogError: bad_log(lambda log: replay.diagnose(log, mass_kg=3.0)),
@@ -125,6 +126,7 @@ RAISED: dict[str, dict[type[UserError], Callable[[], object]]] = {
     "replay.Diagnosis.predict": {
         NotFittedError: bad_log(Diagnosis().predict),
         LogError: bad_log(fitted().predict),
+        ConfigError: lambda: fitted().predict("flight.tlog", horizon_s=0.0),
     },
     "replay.Diagnosis.score": {
         NotFittedError: bad_log(Diagnosis().score),
@@ -135,6 +137,7 @@ RAISED: dict[str, dict[type[UserError], Callable[[], object]]] = {
         NotFittedError: lambda: Diagnosis().save("x"),
         ModelError: lambda: saved_into_a_file(),
     },
+    "replay.FlightLog.beam": {ConfigError: lambda: short_flight().beam("donw")},
     "LogReader.__call__": {LogError: lambda: own_reader()(Path("file"))},
 }
 """What a call raises, by a call that raises it."""

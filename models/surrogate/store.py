@@ -151,7 +151,8 @@ def _named(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         what = (
-            f"cannot be read ({error.strerror}); give a directory that 'models train --out' wrote"
+            f"cannot be read ({error.strerror}); give a directory that 'replay diagnose "
+            "--save-model' or 'models train --out' wrote"
         )
     except KeyError as error:
         what = f"{error} is missing or not known; train the model again"

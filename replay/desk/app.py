@@ -32,6 +32,8 @@ _HERE = Path(__file__).parent
 _LONGEST_FORM = 1 << 18
 _SEE_OTHER = 303
 _NO_ROOM = 507
+_IN_WORDS = {"Not Found": "there is no such page", "Method Not Allowed": "this page takes a form"}
+"""What the library says of a wrong address."""
 
 
 class _Pages:
@@ -144,7 +146,7 @@ class _Pages:
     async def refused(self, request: Request, error: Exception) -> Response:
         """A page with a way back for a browser, a line for what copies a log."""
         if isinstance(error, HTTPException):
-            line = error.detail
+            line = _IN_WORDS.get(error.detail, error.detail)
             code = error.status_code
         else:
             line = f"nothing more can be kept here: {getattr(error, 'strerror', error)}"

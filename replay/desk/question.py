@@ -52,6 +52,13 @@ FIELDS = {
 }
 
 
+def in_words(failure: str) -> str:
+    """What the command line says of a number, by the words of the form."""
+    for field in FIELDS.values():
+        failure = re.sub(rf"{field.option} (\S+): ", rf"{field.words}: \1 ", failure)
+    return failure
+
+
 def rows(facts: Sequence[Mapping[str, Any]]) -> list[tuple[Field, str, str]]:
     """The lines of the form for the facts of a draft: a field, what the draft says, a hint."""
     known = {fact["key"]: (fact["value"], fact["from"]) for fact in facts}

@@ -10,7 +10,7 @@ from asyncio.subprocess import DEVNULL
 from contextlib import suppress
 from pathlib import Path
 
-from replay.desk.question import Question
+from replay.desk.question import Question, in_words
 from replay.desk.store import Ask, Drop, read_text
 from replay.fleet.jobs import error_text
 
@@ -89,10 +89,9 @@ class Work:
 
 
 def _failure(said: Path, code: int, drop: Drop) -> str:
-    """What went wrong, without the desk's own paths."""
-    return error_text(
-        read_text(said).replace(f"{drop.folder}/logs/", "").replace(f"{drop.folder}/", ""), code
-    )
+    """What went wrong, in the words of the form and without the desk's own paths."""
+    text = read_text(said).replace(f"{drop.folder}/logs/", "").replace(f"{drop.folder}/", "")
+    return in_words(error_text(text, code))
 
 
 async def _call(arguments: list[str], out: Path, err: Path) -> int:

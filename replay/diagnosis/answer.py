@@ -53,6 +53,12 @@ class Diagnosis(Searched):
     notes: tuple[str, ...]
     faults: tuple[LogFault, ...] = ()
 
+    def __repr__(self) -> str:
+        names = ", ".join(found.effect.name for found in self.found) or "no effect"
+        seconds = sum(record.seconds for record in self.records)
+        verdict = self.verdict.replace("_", " ")
+        return f"{type(self).__name__}({verdict}: {names}; {seconds:.0f} s judged)"
+
     @property
     def records(self) -> list[Record]:
         """The flights."""

@@ -211,11 +211,11 @@ def _use(
 
 def _check_drafting(a: argparse.Namespace) -> None:
     from replay.command import refuse
+    from replay.vehicle.given import MOST_INCH, MOST_KG, MOST_SPAN_M, check_size
 
-    for option, most in (("mass", 1e4), ("propeller", 200.0), ("span", 20.0)):
-        number = getattr(a, option)
-        if number is not None and not 0.0 < number <= most:
-            raise ConfigError(f"--{option} {number:g}: must be above 0 and at most {most:g}")
+    check_size("--mass", a.mass, MOST_KG)
+    check_size("--propeller", a.propeller, MOST_INCH)
+    check_size("--span", a.span, MOST_SPAN_M)
     if a.vehicle is not None:
         why = "is of a drafted vehicle, and --vehicle gives one; leave one of them out"
         refuse(a, ("mass", "propeller", "span", "save_vehicle", "vehicles"), why)

@@ -66,6 +66,10 @@ class Prediction:
     ahead: tuple[Foretold, ...] = ()
     """Motion ahead of measured states, where it was asked for."""
 
+    def __repr__(self) -> str:
+        seconds = sum(flight.seconds for flight in self.flights)
+        return f"Prediction({len(self.flights)} flights, {seconds:.0f} s judged)"
+
     @property
     def records(self) -> list[Record]:
         """The flights."""

@@ -140,7 +140,7 @@ def rollout(
     Raises
     ------
     ConfigError
-        Shapes do not fit.
+        Shapes do not fit, or a quaternion is 0.
 
     Examples
     --------
@@ -194,6 +194,8 @@ def _check(vehicle: Vehicle, states: Array, inputs: Array) -> None:
         raise ConfigError(
             f"rollout: inputs have the shape {inputs.shape}, not ({len(states)}, steps, {rotors})"
         )
+    if not states[:, QUATERNION].any(axis=1).all():
+        raise ConfigError("rollout: a quaternion of states is 0; level is 1, 0, 0, 0")
 
 
 def _step(vehicle: Vehicle, now: Array, attitude: Array, wrench: Array, step_s: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from models.air_state import AirState
 from models.common.errors import ConfigError, LogError
-from models.common.frames import Array, measured_wrench
+from models.common.frames import AXES, Array, measured_wrench
 from models.effects import AdoptedEffect, Context, adopted_wrench, corrected_state
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -88,6 +88,10 @@ class Record:
     """Which instance each quantity was read from."""
     identity: VehicleIdentity | None = None
     """Which vehicle flew, as far as its log says."""
+
+    def __repr__(self) -> str:
+        axes = " ".join(AXES[axis] for axis in self.axes)
+        return f"Record({self.name!r}, {self.seconds:.1f} s judged, {axes})"
 
     @property
     def time_s(self) -> Array:
@@ -197,6 +201,8 @@ def build_record(
     ------
     LogError
         The log lacks what is needed, or too little of it can be judged.
+    ConfigError
+        ``vehicle`` is no vehicle.
 
     Examples
     --------
@@ -208,6 +214,10 @@ def build_record(
     >>> float(push[2].round(0))  # a load of 0.6 kg that the file does not know [N, down]
     6.0
     """
+    if not isinstance(vehicle, Vehicle):
+        raise ConfigError(
+            f"build_record: vehicle is a {type(vehicle).__name__}; give load_vehicle(FILE)"
+        )
     flown = fly_again(log, vehicle, model, effects)
     motion = flown.motion
     grid = motion.grid

@@ -69,6 +69,8 @@ def test_a_browser_zooms_and_resets_all_plots_over_one_axis(tmp_path, size):
         assert seen.width <= size[0]
         assert browser.value("document.querySelectorAll('figure.live').length") == 2
         assert browser.value("document.title") == "Plots", "a script of a log does not run"
+        above = browser.value("document.querySelector('.zoom .u-title').textContent")
+        assert above == "force [N]", "beside the axis a long name would be cut"
         whole = [0.0, 10.0, 0.0, 10.0]
         assert shown() == pytest.approx(whole, abs=0.02)
         press("+")

@@ -30,6 +30,7 @@ from replay.desk.app import app  # noqa: E402
 from replay.desk.question import (  # noqa: E402
     FIELDS,
     Question,
+    in_words,
     rows,
 )
 from replay.desk.store import Ask, Desk, Drop, safe_name  # noqa: E402
@@ -103,9 +104,16 @@ def test_an_error_has_a_way_back_for_a_browser_and_is_a_line_for_a_copy(idle, fl
     gone = idle.get("/drops/nowhere", headers=FOR_PEOPLE)
     assert gone.status_code == 404
     assert '<a href="/">Back to all logs</a>' in gone.text
+    assert "there is no such page" in idle.get("/nowhere", headers=FOR_PEOPLE).text
     said = idle.put(f"{page}/logs/notes.txt", content=b"x")
     assert "<" not in said.text
     assert "notes.txt: is no log" in said.text
+
+
+def test_a_wrong_number_is_said_in_the_words_of_the_form():
+    said = in_words("--mass -3: must be above 0 and at most 10000")
+    assert said == "mass, with battery: -3 must be above 0 and at most 10000"
+    assert in_words("a.tlog: cannot be read") == "a.tlog: cannot be read"
 
 
 def test_every_page_has_one_main_part_and_names_its_buttons(idle, flown):

@@ -111,11 +111,12 @@ function options(svg, found, width) {
   return {
     width,
     height: HEIGHT_PX,
+    title: svg.dataset.yLabel,
     scales: { x: { time: false }, y: { range: (_, min, max) => seen(min, max, lowest, highest) } },
     cursor: { sync: { key: name }, drag: { x: true, y: false } },
     axes: [
       { label: name, labelSize: 18, stroke: text, grid },
-      { label: svg.dataset.yLabel, labelSize: 18, size: 60, stroke: text, grid },
+      { size: 60, stroke: text, grid },
     ],
     series: [{ label: name }, ...lines],
     hooks: {
