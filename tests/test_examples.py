@@ -84,6 +84,19 @@ def test_an_example_runs(place: Path, name: str) -> None:
     assert said in done.stdout
 
 
+@pytest.mark.parametrize("name", [name for name, (arguments, _) in RUNS.items() if arguments])
+def test_without_arguments_it_says_how_it_is_called(name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert f"python docs/examples/{name} " in done.stderr
+
+
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind(("127.0.0.1", 0))

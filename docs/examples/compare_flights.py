@@ -7,6 +7,8 @@ import sys
 
 from replay import Diagnosis
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 vehicle, *logs = sys.argv[1:]
 for log in logs:
     for row in Diagnosis(vehicle=vehicle, model=None).fit(log).effects_:

@@ -7,6 +7,8 @@ import sys
 
 from replay import Diagnosis
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 log, vehicle = sys.argv[1:]
 diagnosis = Diagnosis(vehicle=vehicle, model=None).fit(log)
 print(diagnosis.answer_.verdict)

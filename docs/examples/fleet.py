@@ -6,6 +6,8 @@ python docs/examples/fleet.py STORE
 import sqlite3
 import sys
 
+if len(sys.argv) < 2:
+    sys.exit(__doc__)
 store = sqlite3.connect(f"file:{sys.argv[1]}?mode=ro", uri=True)
 print("logs by verdict:")
 for verdict, count in store.execute("SELECT verdict, count(*) FROM logs GROUP BY verdict"):

@@ -7,6 +7,8 @@ import sys
 
 from replay import Diagnosis
 
+if len(sys.argv) < 4:
+    sys.exit(__doc__)
 monday, friday, vehicle = sys.argv[1:]
 diagnosis = Diagnosis(vehicle=vehicle, model=None).fit(monday)
 print(f"explained on another flight: {diagnosis.score(friday):.2f} of the residual")

@@ -10,6 +10,8 @@ import numpy as np
 from models.vehicle import load_vehicle
 from replay import FlightModel, rollout
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 vehicle = load_vehicle(sys.argv[1])
 rpm = float(sys.argv[2])
 start = np.zeros((2, 13))

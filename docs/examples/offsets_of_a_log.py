@@ -11,6 +11,8 @@ from models.choice import choose
 from models.vehicle import load_vehicle
 from replay.rerun.report import play
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 log, file = sys.argv[1:]
 vehicle = load_vehicle(file)
 chosen = choose(vehicle, "none")

@@ -34,6 +34,8 @@ PULL = Effect(
     coefficients=(Coefficient(name="force", unit="N", low=-5.0, high=5.0, typical=0.5),),
     wrenches=wrenches,
 )
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 log, vehicle = sys.argv[1:]
 records, _ = read_records([Path(log)], load_vehicle(vehicle), None, None)
 answer = conclude(records, effects=[*catalogue(), PULL])

@@ -46,6 +46,8 @@ def read(path: Path) -> list[FlightLog]:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     (flight,) = read(Path(sys.argv[1]))
     assert flight.attitude is not None
     print(f"{flight.duration_s:.1f} s, {len(flight.attitude)} attitudes")

@@ -7,6 +7,8 @@ import sys
 
 import models
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 data, folder, *method = sys.argv[1:]
 surrogate = models.train(data, *method)
 print(surrogate)

@@ -8,6 +8,8 @@ import sys
 
 from replay import load
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 log, out = sys.argv[1:]
 flight = load(log)[0]
 attitude = flight.attitude

@@ -49,6 +49,8 @@ def command(place, home, yaw, hover):
     return tilt(right), -tilt(forward), max(0.0, min(1.0, thrust))
 
 
+if len(sys.argv) < 4:
+    sys.exit(__doc__)
 endpoint = sys.argv[1]
 hover, seconds = map(float, sys.argv[2:])
 link = mavutil.mavlink_connection(endpoint, source_system=255, source_component=190)
