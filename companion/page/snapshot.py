@@ -17,6 +17,7 @@ from companion.mavlink.stream_rates import StreamKeeper
 from companion.state.decision import Decision
 from companion.state.pipeline_state import PipelineState
 from models.common.frames import Rows
+from models.surrogate.empty import is_empty
 
 
 def snapshot(
@@ -55,7 +56,7 @@ def snapshot(
     if disturbance is not None:
         out["air"] = {
             "wrench": [_number(v, 4) for v in disturbance.wrench],
-            "trust": _number(disturbance.trust),
+            "trust": None if is_empty(config.model) else _number(disturbance.trust),
             "ground": _surface(disturbance.ground),
             "wall": _surface(disturbance.wall),
             "fans": _fans(

@@ -27,6 +27,7 @@ from companion.pipeline import initial_state, step
 from companion.sim.process import free_port
 from companion.vehicles import default_vehicle
 from models.common.errors import ConfigError, LinkError
+from models.surrogate.empty import empty_model
 
 CHROMIUM = (
     shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -56,12 +57,17 @@ def put(feed, sent):
 def sent(tmp_path_factory):
     """The last snapshot of a recorded hover near ground and wall."""
     import models
+
+    return last_of(tmp_path_factory.mktemp("log"), models.load())
+
+
+def last_of(folder, model):
     from replay.logs.formats import load
     from replay.rerun.log_samples import samples
 
-    path = tmp_path_factory.mktemp("log") / "a.tlog"
+    path = folder / "a.tlog"
     write_tlog(path, flight(6.0))
-    config = PipelineConfig(vehicle=default_vehicle(), model=models.load(), dry_run=True)
+    config = PipelineConfig(vehicle=default_vehicle(), model=model, dry_run=True)
     state, out = initial_state(config), None
     for sample in samples(load(path)[0]):
         state, decision = step(state, sample, config)
@@ -69,6 +75,12 @@ def sent(tmp_path_factory):
             out = snapshot(decision, state, config, StreamKeeper(()), 0.0)
     assert out is not None
     return out
+
+
+@pytest.fixture(scope="module")
+def without_model(tmp_path_factory):
+    """The same flight without a model of its air."""
+    return last_of(tmp_path_factory.mktemp("log"), empty_model(default_vehicle()))
 
 
 @pytest.fixture
@@ -85,6 +97,11 @@ def test_a_snapshot_is_plain_numbers_that_fit_a_pipe(sent):
     assert sent["air"]["fans"][0][2] == pytest.approx(0.45, abs=0.15)
     assert len(sent["rpm"]) == 4
     assert isinstance(sent["reasons"], list)
+
+
+def test_without_a_model_no_trust_is_said(sent, without_model):
+    assert sent["air"]["trust"] > 0.0
+    assert without_model["air"]["trust"] is None
 
 
 def test_what_is_sent_is_what_is_served(feed, sent):
@@ -133,6 +150,9 @@ def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_pa
     assert '<tr class="slow"><td>ATTITUDE</td><td>12 of 50 Hz</td>' in done.stdout
     assert done.stdout.count("<polyline") == 6
     assert "t 11.9 s" in done.stdout
+    assert ">10 s ago<" in done.stdout, (
+        "the axis is as long as what was flown, at least ten seconds"
+    )
     assert "-0.000" not in done.stdout
     assert "<td>Mz</td><td>0.000 N m</td>" in done.stdout
     assert "CONSOLE" not in done.stderr, done.stderr
