@@ -104,7 +104,7 @@ class Season:
     def as_text(self) -> str:
         """A few lines for a person."""
         logs = sum(v.judged for v in self.vehicles)
-        lines = [f"{len(self.vehicles)} vehicles, {logs} logs judged"]
+        lines = [f"vehicles: {len(self.vehicles)}, logs judged: {logs}"]
         for v in self.vehicles:
             lines += _vehicle_text(v)
         if self.common:
@@ -285,7 +285,7 @@ def _course_json(course: Course) -> dict[str, Any]:
 
 def _vehicle_text(v: VehicleSeason) -> list[str]:
     kind = ", ".join(text for text in (v.frame, v.firmware) if text)
-    head = f"{v.vehicle} ({kind}): {v.judged} logs judged, {v.first[:10]} to {v.last[:10]}"
+    head = f"{v.vehicle} ({kind}): logs judged: {v.judged}, {v.first[:10]} to {v.last[:10]}"
     lines = [head]
     for course in v.changed:
         assert course.change is not None

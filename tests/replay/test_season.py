@@ -310,3 +310,10 @@ def test_a_failure_that_passes_is_asked_again_on_demand(
     assert "2 of them known" in capsys.readouterr().out
     with Store.open(out) as store:
         assert len(store.rows("SELECT * FROM logs WHERE error IS NULL")) == 2
+
+
+def test_one_vehicle_with_one_log_is_counted_as_such(store: Store) -> None:
+    store.add("q", answer(1))
+    head, vehicle = season(store).as_text().splitlines()[:2]
+    assert head == "vehicles: 1, logs judged: 1"
+    assert "1 logs" not in vehicle
