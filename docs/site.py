@@ -56,19 +56,23 @@ def reference() -> str:
         "",
     ]
     for package in (models, companion, replay):
-        public = [getattr(package, name) for name in sorted(_public(package))]
-        lines += _entries(package.__name__, *public)
-    lines += _entries("A surrogate", FanSurrogate)
-    lines += _entries("models.vehicle", load_vehicle, Vehicle)
-    lines += _entries("A log format", LogReader)
-    lines += _entries("models.common.errors", errors.UserError, *errors.UserError.__subclasses__())
+        public = {f"{package.__name__}.{name}": getattr(package, name) for name in _public(package)}
+        lines += _entries(package.__name__, public)
+    lines += _entries("A surrogate", {"FanSurrogate": FanSurrogate})
+    vehicle = (load_vehicle, Vehicle)
+    lines += _entries("models.vehicle", {f"models.vehicle.{v.__name__}": v for v in vehicle})
+    lines += _entries("A log format", {"LogReader": LogReader})
+    kinds = (errors.UserError, *errors.UserError.__subclasses__())
+    lines += _entries("models.common.errors", {kind.__name__: kind for kind in kinds})
     return "\n".join(lines)
 
 
-def _entries(heading: str, *things: Any) -> list[str]:
+def _entries(heading: str, things: dict[str, Any]) -> list[str]:
+    """Under the names by which they are imported."""
     lines = [f"## {heading}", ""]
-    for thing in things:
-        lines += [f"::: {_home(thing)}", ""]
+    for name, thing in sorted(things.items()):
+        options = f"    options:\n      heading: {name}\n      toc_label: {name}"
+        lines += [f"::: {_home(thing)}", options, ""]
     return lines
 
 

@@ -53,6 +53,7 @@ def test_every_public_name_is_in_the_reference(site: Path) -> None:
             thing = getattr(package, name)
             if not name.startswith("__"):
                 assert f'id="{thing.__module__}.{thing.__qualname__}"' in page, name
+                assert re.search(rf">\s*{package.__name__}\.{name}\s*<", page), "as it is imported"
 
 
 @pytest.mark.slow
