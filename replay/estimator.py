@@ -31,7 +31,7 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
     Parameters
     ----------
     vehicle : Vehicle, path, str or None
-        A vehicle or its file. None: drafted from the logs that are fitted.
+        A vehicle, its file, or the name of one that ships. None: drafted from the logs that are fitted.
     model : FanSurrogate, str or None
         A surrogate or its directory. None and "none": rotors in free air. "default": as ``replay diagnose`` chooses.
     mass_kg, propeller_inch, span_m : float or None

@@ -50,7 +50,7 @@ def diagnose(
     logs : path, str, or sequence of them
         One log, or several of one vehicle.
     vehicle : Vehicle, path, str or None
-        A vehicle or its file. None: drafted from the logs.
+        A vehicle, its file, or the name of one that ships. None: drafted from the logs.
     model : FanSurrogate, str or None
         A surrogate or its directory. None: rotors in free air. "default": as ``replay diagnose`` chooses.
     mass_kg, propeller_inch, span_m : float or None

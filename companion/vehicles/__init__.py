@@ -32,11 +32,15 @@ def vehicle_path(text: str) -> Path:
 
 
 def chosen_vehicle(path: Path | str | None) -> Vehicle:
-    """The vehicle of a file; the paper's tandem without one."""
+    """The vehicle of a file, or of the name of one that ships; the paper's tandem without either."""
     # Imported here so that --help, which names the files, answers at once.
     from models.vehicle import load_vehicle
 
-    return load_vehicle(TANDEM if path is None else path)
+    if path is None:
+        return load_vehicle(TANDEM)
+    if not Path(path).exists():
+        path = SHIPPED.get(str(path), path)
+    return load_vehicle(path)
 
 
 def default_vehicle() -> Vehicle:

@@ -78,6 +78,11 @@ def test_what_is_wrong_is_said_in_a_line(what: str) -> None:
         call()
 
 
+def test_a_vehicle_that_ships_is_named(path: Path) -> None:
+    answer = replay.diagnose(path, "quad", model=None)
+    assert answer.vehicle == quad()
+
+
 def test_a_path_in_place_of_a_vehicle_is_said(flight: replay.FlightLog) -> None:
     with pytest.raises(ConfigError, match="load_vehicle"):
         replay.build_record(flight, str(QUAD), None)  # type: ignore[arg-type]
