@@ -20,7 +20,6 @@ from replay.search.thresholds import (
     MOMENT_LIMIT,
     SUDDEN,
     SUDDEN_S,
-    WHOLE_LIMIT,
 )
 
 SLOW_S = 1.0
@@ -57,14 +56,16 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         unit = float(hundredths(record.context)[a])
         total = np.convolve(np.where(valid, rest[:, a], 0.0), kernel, "same")
         slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
-        rms = float(np.sqrt(np.mean(slow[valid] ** 2)))
-        limit = unit * (FORCE_LIMIT if a < 3 else MOMENT_LIMIT)
-        whole = float(np.sqrt(np.mean(rest[valid, a] ** 2)))
+        if a < 3:
+            limit = FORCE_LIMIT * unit
+            left = rest[valid, a]
+        else:
+            limit = MOMENT_LIMIT * unit
+            left = slow[valid]
+        rms = float(np.sqrt(np.mean(left**2)))
         usual = MAD_TO_SD * float(np.median(np.abs(slow[valid])))
         struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
-        if rms > limit or (a < 3 and whole > WHOLE_LIMIT * unit):
-            if not (rms > limit):
-                rms = whole
+        if rms > limit:
             out.append(
                 Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit))
             )
