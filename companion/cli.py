@@ -337,26 +337,36 @@ def _fly(a: argparse.Namespace) -> int:
             options=options,
         )
         if sim is not None and a.duration is None:
-            from companion.sim.process import follow
-
-            follow(
-                sim.news,
-                lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True),
-                flight.stop,
-            )
+            _follow(sim, flight, quiet=a.quiet)
         interrupted = _run(flight)
-        if a.json is not None:
-            write_json(flight.as_json(), a.json)
-        elif not a.quiet:
-            print(flight.summary.as_text())
-        if flight.unheard is not None:
-            print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
+        _tell(flight, a)
         heard = flight.unheard is None
     if interrupted:
         return INTERRUPTED
     if heard:
         return 0
     return LinkError.exit_code
+
+
+def _follow(sim: SimProcess, flight: Flight, *, quiet: bool) -> None:
+    """Say what the built-in vehicle's flight says, and end with it."""
+    from companion.sim.process import follow
+
+    def say(text: str) -> None:
+        if not quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    follow(sim.news, say, flight.stop)
+
+
+def _tell(flight: Flight, a: argparse.Namespace) -> None:
+    """What the flight was, as JSON or as text, and why nothing was heard."""
+    if a.json is not None:
+        write_json(flight.as_json(), a.json)
+    elif not a.quiet:
+        print(flight.summary.as_text())
+    if flight.unheard is not None:
+        print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
 
 
 def _log_to_stderr(a: argparse.Namespace, stack: ExitStack) -> None:

@@ -142,14 +142,14 @@ def as_message(wanted: SurveyTarget, heard: LocalPosition, component: int) -> Se
         heard.t_s,
         heard.system,
         component,
-        _PLACE_AND_VELOCITY,
-        _LOCAL_NED,
-        (n, e, d),
-        (vn, ve, vd),
-        (0.0, 0.0, 0.0),
-        0.0,
-        heard.system,
-        component,
+        type_mask=_PLACE_AND_VELOCITY,
+        frame=_LOCAL_NED,
+        position=(n, e, d),
+        velocity=(vn, ve, vd),
+        acceleration=(0.0, 0.0, 0.0),
+        yaw=0.0,
+        target_system=heard.system,
+        target_component=component,
     )
 
 

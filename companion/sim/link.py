@@ -25,6 +25,8 @@ SHORTEST_INTERVAL_S = 0.003
 """ArduPilot refuses a shorter one."""
 TRUSTED = 0x33F
 """ESTIMATOR_STATUS and EKF_STATUS_REPORT: attitude, velocities, positions relative and absolute, their forecasts."""
+_NO_TEMPERATURE = 32767
+"""Battery temperature that is not known."""
 _RANGE_CM = round(100.0 * RANGE_MIN_M), round(100.0 * RANGE_MAX_M)
 Messages = list[Any]
 
@@ -206,7 +208,15 @@ class VehicleLink:
         left = max(0, round(100.0 * (1.0 - used / p.capacity_ah)))
         return [
             mavlink.MAVLink_battery_status_message(
-                0, 0, 1, 32767, volts, amps, round(1000.0 * used), -1, left
+                id=0,
+                battery_function=0,
+                type=1,
+                temperature=_NO_TEMPERATURE,
+                voltages=volts,
+                current_battery=amps,
+                current_consumed=round(1000.0 * used),
+                energy_consumed=-1,
+                battery_remaining=left,
             )
         ]
 

@@ -112,7 +112,17 @@ class ScriptedPilot:
     ) -> None:
         self._link.hear(
             mavlink.MAVLink_command_long_message(
-                SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7
+                target_system=SYSTEM,
+                target_component=1,
+                command=number,
+                confirmation=0,
+                param1=p1,
+                param2=p2,
+                param3=p3,
+                param4=0.0,
+                param5=0.0,
+                param6=0.0,
+                param7=p7,
             )
         )
 

@@ -183,7 +183,16 @@ def _boot(log: FlightLog, vehicle: Vehicle | None) -> BootInfo:
     ground = [i for i in flown.landed if i.value == _ON_GROUND]
     modes_s: dict[str, float] = {}
     for interval in flown.modes:
-        name = mode_name(Heartbeat(0.0, 1, 1, True, interval.value, log.autopilot or 0, 0))
+        said = Heartbeat(
+            t_s=0.0,
+            system=1,
+            component=1,
+            armed=True,
+            custom_mode=interval.value,
+            autopilot=log.autopilot or 0,
+            vehicle_type=0,
+        )
+        name = mode_name(said)
         modes_s[name] = modes_s.get(name, 0.0) + _length(interval)
     return BootInfo(
         boot=log.boot,

@@ -85,7 +85,13 @@ def _heartbeats(log: FlightLog) -> Iterator[Sample]:
         armed = _value(log.armed, t) != 0
         mode = _value(log.modes, t)
         yield Heartbeat(
-            t, log.system, _COMPONENT, armed, mode, log.autopilot, log.vehicle_type or 0
+            t,
+            log.system,
+            _COMPONENT,
+            armed=armed,
+            custom_mode=mode,
+            autopilot=log.autopilot,
+            vehicle_type=log.vehicle_type or 0,
         )
 
 
