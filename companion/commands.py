@@ -14,7 +14,6 @@ from companion.control.hand_over import (
     hand_over_command,
     held_off,
     place_of,
-    untrimmed,
 )
 from companion.control.position_hold import (
     BaseSetpoint,
@@ -48,15 +47,13 @@ def thrust_map_of(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     return thrust_map(stack_of(state.heard.heartbeat), state.heard.parameters, hover)
 
 
-def hand_over_place(state: PipelineState, hold: Hold, after_s: float = 0.0) -> Vector3:
-    """Where the autopilot is to stay ``after_s`` after the hold ended, NED."""
+def hand_over_place(state: PipelineState, hold: Hold) -> Vector3:
+    """Where the autopilot is to stay when the hold ends, NED."""
     place = place_of(hold, state.held.drift.correction_m)
     towards = level_wall(state.air.disturbance)
     if towards is None:
         return place
-    north, east = state.learned.balance.acceleration
-    share = untrimmed(stack_of(state.heard.heartbeat), after_s)
-    return held_off(place, (share * north, share * east), towards)
+    return held_off(place, state.learned.balance.acceleration, towards)
 
 
 def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeCommand:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.reasons import Reason
-from companion.mavlink.firmware import Stack, ThrustMap
+from companion.mavlink.firmware import ThrustMap
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from models.common.frames import quaternion_from_euler
 from models.vehicle import Vector3
@@ -19,9 +19,6 @@ HAND_OVER_S = 0.5
 _STIFFNESS_1_S2 = 1.8
 """Of an autopilot's own position control: PX4's MPC_XY_P 0.95 times MPC_XY_VEL_P_ACC 1.8; ArduPilot's 1.0 times 2.0."""
 _MOST_OFF_M = 0.15
-_TRIMMED_PX4_S = 4.5
-_TRIMMED_ARDUPILOT_S = 2.0
-"""P over I of velocity control: PX4's MPC_XY_VEL_P_ACC 1.8 and I_ACC 0.4, ArduPilot's PSC 2.0 and 1.0."""
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
 
@@ -53,19 +50,6 @@ def held_off(place: Vector3, lean: tuple[float, float], towards: tuple[float, fl
         max(-(lean[0] * towards[0] + lean[1] * towards[1]), 0.0) / _STIFFNESS_1_S2, _MOST_OFF_M
     )
     return place[0] - off * towards[0], place[1] - off * towards[1], place[2]
-
-
-def untrimmed(stack: Stack, after_s: float) -> float:
-    """What an autopilot's integral does not balance yet, ``after_s`` after it took over, as a share of the pull.
-
-    At rest P_v u + I_v sum(u dt) = a for the velocity error u that a place off the wall makes, so that
-    u = (a / P_v) exp(-t I_v / P_v): the place goes back by that, and the vehicle does not move.
-    """
-    if stack is Stack.PX4:
-        trimmed_s = _TRIMMED_PX4_S
-    else:
-        trimmed_s = _TRIMMED_ARDUPILOT_S
-    return math.exp(-after_s / trimmed_s)
 
 
 def begin_hand_over(

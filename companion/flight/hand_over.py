@@ -12,7 +12,7 @@ from companion.flight.outbox import Outbox
 from companion.flight.timers import Timers
 from companion.last_word import PERIOD_S, SILENT, LastWord, Word
 from companion.mavlink import AUTOPILOT_COMPONENT
-from companion.mavlink.firmware import mode_name, takes_setpoints
+from companion.mavlink.firmware import Stack, mode_name, stack_of, takes_setpoints
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
@@ -25,8 +25,8 @@ from companion.state.pipeline_state import PipelineState
 _LASTS_S = 1.0
 """For so long the autopilot is sent the place to stay at: PX4's controller has settled before the stream ends."""
 _LASTS_BESIDE_A_WALL_S = 6.0
-"""Until the autopilot's integral balances the wall's pull. Without that PX4 sags towards the wall, where the pull is
-larger, as soon as the stream ends, and ArduPilot keeps a place that is off the wall."""
+"""Until PX4's integral balances the wall's pull: MPC_XY_VEL_P_ACC / MPC_XY_VEL_I_ACC is 4.5 s. Without that it sags
+towards the wall, where the pull is larger, as soon as the stream ends. ArduPilot keeps the place that it was sent."""
 _PERIOD_S = 0.05
 """As often as attitudes bring setpoints, or a little less."""
 _LAST_WORD_PERIOD_S = 0.1
@@ -42,23 +42,22 @@ def holds(state: PipelineState, config: PipelineConfig) -> bool:
     return state.held.hold is not None and not config.dry_run and config.base is Base.HOLD
 
 
-def place_to_stay(
-    state: PipelineState, config: PipelineConfig, after_s: float = 0.0
-) -> PositionCommand | None:
-    """Where the autopilot should stay ``after_s`` after we left; None where no hold flies, or it takes no places."""
+def place_to_stay(state: PipelineState, config: PipelineConfig) -> PositionCommand | None:
+    """Where the autopilot should stay without us; None where no hold flies, or where it takes no places."""
     heartbeat = state.heard.heartbeat
     if not holds(state, config) or state.held.hold is None or heartbeat is None:
         return None
     if mode_name(heartbeat) == "GUIDED_NOGPS":
         return None
     return PositionCommand(
-        state.t_s, hand_over_place(state, state.held.hold, after_s), state.held.hold.target.yaw
+        state.t_s, hand_over_place(state, state.held.hold), state.held.hold.target.yaw
     )
 
 
 def hand_over_lasts_s(state: PipelineState) -> float:
     """How long the autopilot is sent the place to stay at."""
-    if level_wall(state.air.disturbance) is not None:
+    px4 = stack_of(state.heard.heartbeat) is Stack.PX4
+    if px4 and level_wall(state.air.disturbance) is not None:
         return _LASTS_BESIDE_A_WALL_S
     return _LASTS_S
 
@@ -136,13 +135,14 @@ class HandOver:
         """
         if not holds(state, self._config):
             return
+        command: Command = place_to_stay(state, self._config) or level_command(state, self._config)
         lasts_s = hand_over_lasts_s(state)
         start = self._arrivals.now_s()
         while True:
             now = self._arrivals.now_s()
             alive(now)
             self.renew(now, state)
-            self._outbox.command(self._last_command(state, now - start))
+            self._outbox.command(command)
             if now - start >= lasts_s:
                 return
             self._arrivals.clock.wait([], _PERIOD_S)
@@ -150,13 +150,6 @@ class HandOver:
                 self._outbox.record(arrival_us, frame.raw)
                 if self._taken_away(arrival_us, frame):
                     return
-
-    def _last_command(self, state: PipelineState, after_s: float) -> Command:
-        """A place to stay at, or level at hover thrust where none is taken."""
-        place = place_to_stay(state, self._config, after_s)
-        if place is None:
-            return level_command(state, self._config)
-        return place
 
     def _taken_away(self, arrival_us: int, frame: Frame) -> bool:
         """Whether this says that the vehicle is disarmed, or in a mode in which it is not ours."""
