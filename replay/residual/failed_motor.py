@@ -292,10 +292,10 @@ class _After:
     ramp: Array
     doubt: Array
 
-    def of_motor(self, signals: _Signals, k: int) -> tuple[Array, Array]:
-        """What motor ``k`` is declared to give (gains, n, 3), and the variance (n, 3) beside its loss."""
-        given = signals.by_fan[self.rows, k] * self.ramp[:, None]
-        return _BY_AXIS[:, None] * given[None], self.var + (self.doubt[:, None] * given) ** 2
+    def by_motor(self, signals: _Signals) -> tuple[Array, Array]:
+        """What motors are declared to give (fans, gains, n, 3), and variances (fans, n, 3) beside their losses."""
+        given = signals.by_fan[self.rows].swapaxes(0, 1) * self.ramp[:, None]
+        return _BY_AXIS[:, None] * given[:, None], self.var + (self.doubt[:, None] * given) ** 2
 
 
 def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -> _After | None:
@@ -341,13 +341,11 @@ def _compare(
     none = _evidence(after.left, after.var, after.slow) + prior
     pushed = _evidence(after.left, after.var, wide) + prior
     struck = _evidence(after.left, after.var + STRUCK**2, after.slow) + prior
-    lost = []
-    for k in range(signals.by_fan.shape[1]):
-        gone, var = after.of_motor(signals, k)
-        share, _ = _share(after.left, gone, var, after.slow)
-        rest = after.left + share[:, None, None] * gone
-        each = _evidence(rest, var, after.slow) + prior
-        lost.append(_sum(each))
+    gone, var = after.by_motor(signals)
+    var = var[:, None]
+    share, _ = _share(after.left, gone, var, after.slow)
+    rest = after.left + share[..., None, None] * gone
+    lost = [_sum(each) for each in _evidence(rest, var, after.slow) + prior]
     return _Compared(np.array(lost), _sum(none), _sum(pushed), _sum(struck))
 
 
@@ -370,7 +368,7 @@ def _stands(
     after = _after(signals, noise, start, begin, end)
     if after is None:
         return None
-    gone, var = after.of_motor(signals, k)
+    gone, var = (by_motor[k] for by_motor in after.by_motor(signals))
     share, spread = _share(after.left, gone, var, after.slow)
     rest = after.left + share[:, None, None] * gone
     each = _evidence(rest, var, after.slow) + after.earlier + prior
@@ -411,25 +409,29 @@ def _before(
 
 
 def _evidence(left: Array, var: Array, slow: Array) -> Array:
-    """Log likelihood (gains,) of what is left (gains, n, 3): white noise (n, 3) and one offset of variance ``slow``."""
+    """Log likelihood (..., gains) of what is left (..., gains, n, 3): white noise and one offset of variance ``slow``.
+
+    ``var`` (..., n, 3): the variance of the noise.
+    """
     weight = 1.0 / var
-    square = (left**2 * weight).sum(axis=1)
-    mean = (left * weight).sum(axis=1)
-    total = weight.sum(axis=0)
+    square = (left**2 * weight).sum(axis=-2)
+    mean = (left * weight).sum(axis=-2)
+    total = weight.sum(axis=-2)
     square -= mean**2 * slow / (1.0 + slow * total)
-    log_det = np.log(var).sum(axis=0) + np.log1p(slow * total)
+    log_det = np.log(var).sum(axis=-2) + np.log1p(slow * total)
     return np.asarray(-0.5 * TRUST * (square + log_det).sum(axis=-1))
 
 
 def _share(left: Array, gone: Array, var: Array, slow: Array) -> tuple[Array, Array]:
-    """Likeliest share (gains,) within its bounds, and its standard deviation."""
+    """Likeliest share (..., gains) within its bounds, and its standard deviation."""
     weight = 1.0 / var
-    total = weight.sum(axis=0)
+    total = weight.sum(axis=-2)
     shrink = slow / (1.0 + slow * total)
-    cross = (left * gone * weight).sum(axis=1)
-    cross -= (left * weight).sum(axis=1) * (gone * weight).sum(axis=1) * shrink
-    own = (gone**2 * weight).sum(axis=1)
-    own -= (gone * weight).sum(axis=1) ** 2 * shrink
+    gone_mean = (gone * weight).sum(axis=-2)
+    cross = (left * gone * weight).sum(axis=-2)
+    cross -= (left * weight).sum(axis=-2) * gone_mean * shrink
+    own = (gone**2 * weight).sum(axis=-2)
+    own -= gone_mean**2 * shrink
     known = np.maximum(own.sum(axis=-1), 1e-12)
     share = np.clip(-cross.sum(axis=-1) / known, LEAST_SHARE, 1.0)
     return np.asarray(share), np.asarray(1.0 / np.sqrt(TRUST * known))

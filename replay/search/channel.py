@@ -13,6 +13,8 @@ from replay.residual.grid import Mask
 from replay.search.noise_spectra import Spectrum
 
 Columns = NDArray[np.int64]
+MANY = 400
+"""Columns from which on it is faster to copy whole rows than one product after the other."""
 
 
 def hundredths(context: Context) -> Array:
@@ -141,14 +143,20 @@ class Whitened:
         self._keep_up()
         # First a term that is new to all others, then pairs that have not met.
         for share in (0.5, 0.0):
-            products = self._gram[rows].take(others, axis=1)
+            products = self._known(rows, others)
             unknown = np.isnan(products)
             if not unknown.any():
                 return products
             fresh = unknown.mean(axis=1) > share
             if fresh.any():
                 self._form(rows[fresh], others[unknown[fresh].any(axis=0)])
-        return self._gram[rows].take(others, axis=1)
+        return self._known(rows, others)
+
+    def _known(self, rows: Columns, others: Columns) -> Array:
+        """Inner products (r, s) as far as they are formed; of many others, whole rows at a time."""
+        if len(others) > MANY:
+            return self._gram[rows].take(others, axis=1)
+        return self._gram[rows[:, None], others]
 
     def within(self, blocks: Columns) -> Array:
         """Inner products (b, k, k) of the rows of every block (b, k) with each other."""
@@ -171,10 +179,11 @@ class Whitened:
 
     def forget(self) -> None:
         """Take out what the channel has forgotten."""
-        count = min(len(self.channel.rows), self._rows.count)
+        old = self._rows.count
+        count = min(self.channel.count_of_rows, old)
         self._rows.count = count
-        self._gram[count:-1, :-1] = np.nan
-        self._gram[:-1, count:-1] = np.nan
+        self._gram[count:old, :old] = np.nan
+        self._gram[:count, count:old] = np.nan
 
     def _keep_up(self) -> None:
         """Take in rows that the channel has got."""

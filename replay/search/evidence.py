@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -49,7 +50,11 @@ is screened, and for every sample of a term that is taken in. By least squares o
 15 %."""
 KEPT_DESIGNS = 8
 """Sets of which the columns are kept: each is some MiB of a long flight."""
+KEPT_POSTERIORS = 64
+"""More than what is screened before the first of it is fitted."""
 NOTHING: Mapping[int, Mask] = {}
+K = TypeVar("K")
+V = TypeVar("V")
 
 
 @dataclass(frozen=True)
@@ -134,6 +139,7 @@ class Evidence:
         self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
         self._designs: dict[tuple[Term, ...], Design] = {}
+        self._posteriors: dict[tuple[tuple[Term, ...], Noise], tuple[Array, Array]] = {}
         self._samples = sum(len(c.run) for c in channels)
         self._solved = 0.0
 
@@ -217,7 +223,7 @@ class Evidence:
 
         At most ``possible``.
         """
-        terms = tuple(terms)
+        terms = in_order(terms)
         design = self._design(terms)
         b, cov = self._posterior(design, noise)
         within = beyond_bounds(terms, b, cov)
@@ -230,10 +236,10 @@ class Evidence:
 
         Wherever its coefficients are: of several shapes the first may be one that is not possible.
         """
-        terms = (*fit.terms, term)
+        terms = in_order((*fit.terms, term))
         design = self._design(terms)
         u = Contributions(design, *self._posterior(design, fit.noise))
-        return float(standing(u, u.anywhere)[-1])
+        return float(standing(u, u.anywhere, [terms.index(term)])[0])
 
     @staticmethod
     def possible(terms: Sequence[Term]) -> float:
@@ -317,9 +323,7 @@ class Evidence:
     def _design(self, terms: tuple[Term, ...]) -> Design:
         """Of a set; the latest are kept, as a set is often weighed beside several noises in a row."""
         design = self._designs.pop(terms, None) or Design(self.library, terms)
-        self._designs[terms] = design
-        if len(self._designs) > KEPT_DESIGNS:
-            del self._designs[next(iter(self._designs))]
+        _keep(self._designs, terms, design, KEPT_DESIGNS)
         return design
 
     def _channels(self, noise: Noise) -> Iterator[tuple[Whitened, float]]:
@@ -381,8 +385,22 @@ class Evidence:
     def _posterior(
         self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING
     ) -> tuple[Array, Array]:
-        """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
+        """Mean (k,) and covariance (k, k) of the scaled coefficients; the latest are kept.
+
+        A set that was looked at beside some noise is often fitted from there.
+        """
         self._solved += 1.0 + SET_COSTS * self._samples * len(design.columns)
+        if left_out:
+            return self._solve(design, noise, left_out)
+        key = design.terms, noise
+        posterior = self._posteriors.pop(key, None) or self._solve(design, noise, left_out)
+        _keep(self._posteriors, key, posterior, KEPT_POSTERIORS)
+        return posterior
+
+    def _solve(
+        self, design: Design, noise: Noise, left_out: Mapping[int, Mask]
+    ) -> tuple[Array, Array]:
+        """(X^T W X + I)^-1 (X^T W y + prior mean), and the inverse."""
         r = design.centre.copy()
         a = np.eye(len(r))
         for white, variance in self._channels(noise):
@@ -401,3 +419,15 @@ class Evidence:
         r += x_bias.T @ self.library.bias
         cov = np.asarray(np.linalg.inv(a))
         return np.asarray(cov @ r), cov
+
+
+def in_order(terms: Iterable[Term]) -> tuple[Term, ...]:
+    """The same set in the same order, however it came about."""
+    return tuple(sorted(terms, key=lambda t: t.order))
+
+
+def _keep(latest: dict[K, V], key: K, value: V, most: int) -> None:
+    """Put a value at the end of the ``latest``, of which there are ``most``."""
+    latest[key] = value
+    if len(latest) > most:
+        del latest[next(iter(latest))]

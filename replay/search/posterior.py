@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.effects import Effect
-from replay.search.evidence import Evidence, Fit
+from replay.search.evidence import Evidence, Fit, in_order
 from replay.search.terms import Key, Term
 from replay.search.thresholds import (
     ALIAS_NATS,
@@ -38,7 +38,7 @@ class Sets:
 
     def weigh(self, terms: Sequence[Term], near: Fit) -> Fit:
         """The fit of a set, the best of its shapes so far."""
-        fit = self.evidence.fit(sorted(terms, key=lambda t: str(t.key)), near.noise)
+        fit = self.evidence.fit(in_order(terms), near.noise)
         known = self.fits.setdefault(fit.key, fit)
         if fit.score > known.score + 1e-9:
             self.fits[fit.key] = fit

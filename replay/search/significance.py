@@ -66,9 +66,8 @@ class Contributions:
                 acting[part] *= term.main
         return design.times(np.where(design.of_term, acting, 0.0))
 
-    @cached_property
-    def own(self) -> list[Array]:
-        """What no other term would take over.
+    def own(self, asked: Sequence[int]) -> list[Array]:
+        """What no other term would take over, of the terms with these numbers.
 
         The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
         than ``USUAL`` standard deviations of their prior.
@@ -78,9 +77,10 @@ class Contributions:
         usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
         low = np.minimum(self._b, centre - usual)
         high = np.maximum(self._b, centre + usual)
-        lost = np.empty((len(design.terms), len(centre)))
-        for i, (term, first) in enumerate(zip(design.terms, design.edges, strict=False)):
-            gone = first + np.flatnonzero((term.main > 0.0) | term.form)
+        lost = np.empty((len(asked), len(centre)))
+        for i, number in enumerate(asked):
+            term = design.terms[number]
+            gone = design.edges[number] + np.flatnonzero((term.main > 0.0) | term.form)
             taken = self._cov[:, gone] @ np.linalg.solve(
                 self._cov[np.ix_(gone, gone)], self._b[gone]
             )
@@ -110,7 +110,10 @@ def worth(u: Contributions) -> float:
     over the terms, with z of ``standing`` and k of ``cancelled``. It is no part of the posterior but a loss: a name
     that nobody could act on is worth nothing.
     """
-    short = np.maximum(1.0 - standing(u, u.main), 0.0) / SOFT
+    if not u.design.terms:
+        return 0.0
+    z = standing(u, u.main, range(len(u.design.terms)))
+    short = np.maximum(1.0 - z, 0.0) / SOFT
     return float(-0.5 * short @ short - CANCEL_COST * max(cancelled(u) - CANCEL, 0.0))
 
 
@@ -131,28 +134,26 @@ def cancelled(u: Contributions) -> float:
     return float(np.sqrt(worst))
 
 
-def standing(u: Contributions, parts: Sequence[Array]) -> Array:
-    """How far every term stands out by ``parts`` of what it does, (terms,): 1 is just enough to be named.
+def standing(u: Contributions, parts: Sequence[Array], asked: Sequence[int]) -> Array:
+    """How far terms with these numbers stand out by ``parts`` of what they do: 1 is just enough to be named.
 
     z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN). In hundredths of the weight: T the top of what a
     term does, F what the other terms may leave by their form, R the slow rest, O its minimum unique contribution.
     """
-    if not u.design.terms:
-        return np.empty(0)
     sizes = tops(u, parts)
     left = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
     channels = u.design.library.channels
     open_ = np.concatenate(
         [slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)]
     )
-    beside = left.sum(axis=0) - left + open_**2
-    large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
+    beside = (left.sum(axis=0) - left + open_**2)[asked]
+    large = np.minimum(sizes[asked] / np.sqrt(1.0 + beside), tops(u, u.own(asked)) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
     force = np.array([c.axis < 3 for c in channels])
-    by_moment = np.array(
-        [t.effect is not None and t.effect.search.needs_moments for t in u.design.terms]
-    )
-    large[np.ix_(by_moment, force)] = 0.0
+    for row, number in zip(large, asked, strict=True):
+        effect = u.design.terms[number].effect
+        if effect is not None and effect.search.needs_moments:
+            row[force] = 0.0
     return np.asarray(large.max(axis=1))
 
 
@@ -190,9 +191,14 @@ def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
 
 def top(x: Array, count: int) -> Array:
     """About the 99th percentile of the size of (..., n), of which ``count`` samples are valid and the rest 0."""
-    size = np.abs(x)
     m = max(count // 100, 1)
-    return np.asarray(np.partition(size, -m, axis=-1)[..., -m])
+    out = np.zeros(x.shape[:-1])
+    acting = x.any(axis=-1)
+    size = np.abs(x[acting])
+    # In place: another copy takes as long again.
+    size.partition(-m, axis=-1)
+    out[acting] = size[:, -m]
+    return out
 
 
 def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:

@@ -86,6 +86,11 @@ class Term:
         """What may be there only once."""
         return (self.name, self.flight, self.axis, self.instance)
 
+    @cached_property
+    def order(self) -> str:
+        """Where it stands among others."""
+        return str(self.key)
+
 
 def without_form(term: Term) -> Term:
     """The term without its model-form errors."""

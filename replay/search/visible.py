@@ -54,13 +54,13 @@ def visible(walked: Walked) -> tuple[Visible, ...]:
             continue
         if term.name not in named:
             by_name.setdefault(term.name, []).append(term)
-    found = [_least_of(walked, terms) for terms in by_name.values()]
+    gain = walked.evidence.screen(walked.best)
+    found = [_least_of(walked, terms, gain) for terms in by_name.values()]
     return tuple(one for one in found if one is not None)
 
 
-def _least_of(walked: Walked, terms: Sequence[Term]) -> Visible | None:
-    """Of one effect, in its likeliest shape beside the best set."""
-    gain = walked.evidence.screen(walked.best)
+def _least_of(walked: Walked, terms: Sequence[Term], gain: Array) -> Visible | None:
+    """Of one effect, in its likeliest shape beside the best set by the ``gain`` of every term."""
     numbers = walked.evidence.library.numbers_of[terms[0].key]
     likeliest = max(numbers, key=lambda number: float(gain[number]))
     term = walked.evidence.library.terms[likeliest]

@@ -927,7 +927,7 @@ def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> No
         fit = evidence.fit([terms[name], terms[beside]], evidence.quiet)
         u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
         fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
-        return float(tops(u, u.own)[0, fz] / tops(u, u.main)[0, fz])
+        return float(tops(u, u.own([0]))[0, fz] / tops(u, u.main)[0, fz])
 
     assert own_share("thrust_scale", "rotor_drag") > 0.9
     assert own_share("thrust_scale", "payload") < 0.5

@@ -140,6 +140,9 @@ def changed(old: Any, new: Any) -> Iterator[str]:
     for name in sorted(before.keys() & after.keys()):
         for key, was in before[name]["parameters"].items():
             value = after[name]["parameters"][key]["value"]
+            # Kinds are not estimated, and what is not determined has no value.
+            if value is None or was["value"] is None or "ci95" not in was:
+                continue
             low, high = was["ci95"]
             if not low - SAME <= value <= high + SAME:
                 yield f"{name}.{key} {was['value']:.4g} ({low:.4g} to {high:.4g}) -> {value:.4g}"
