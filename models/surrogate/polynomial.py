@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.common.frames import Array
 
@@ -47,11 +49,19 @@ class PolynomialRegressor:
 
 def monomials(x: Array, degree: int) -> Array:
     """All products of inputs (n, k) up to ``degree``, the constant first, shape (n, terms)."""
-    columns = [np.ones(len(x))]
+    inputs = x.shape[1]
+    with_one = np.vstack([x.T, np.ones(len(x))])
+    return np.asarray(with_one[_factors(inputs, degree)].prod(axis=0).T)
+
+
+@cache
+def _factors(inputs: int, degree: int) -> NDArray[np.int_]:
+    """Factors (degree, terms) of every monomial: numbers of inputs, and ``inputs`` for 1."""
+    terms = [(inputs,) * degree]
     for power in range(1, degree + 1):
-        for indices in combinations_with_replacement(range(x.shape[1]), power):
-            columns.append(np.prod(x[:, list(indices)], axis=1))
-    return np.stack(columns, axis=1)
+        for chosen in combinations_with_replacement(range(inputs), power):
+            terms.append((*chosen, *(inputs,) * (degree - power)))
+    return np.array(terms).T
 
 
 def fit(x: Array, y: Array, gate: Array, degree: int) -> PolynomialRegressor:

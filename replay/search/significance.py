@@ -183,7 +183,8 @@ def limits(axes: Sequence[ResidualChannel]) -> Array:
 def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
     """RMS (axes,) of what is left of a flight (axes, n), averaged over ``UNEXPLAINED_S``, in percent of the weight."""
     width = max(round(UNEXPLAINED_S / STEP_S), 1)
-    total = np.pad(np.cumsum(rest, axis=1), ((0, 0), (1, 0)))
+    total = np.zeros((len(rest), rest.shape[1] + 1))
+    np.cumsum(rest, axis=1, out=total[:, 1:])
     known = np.concatenate([[0], np.cumsum(axes[0].valid)])
     mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
     return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)) / limits(axes))
