@@ -188,17 +188,16 @@ def test_a_few_damaged_boot_stamps_are_no_second_autopilot(tmp_path):
     assert read(tmp_path, sorted(messages)).end_s == pytest.approx(43.98)
 
 
-@pytest.mark.parametrize("by_us", [DAY_US, -HOUR_US])
-def test_a_replay_of_a_ground_stations_log_is_not_late_after_a_step(by_us, tmp_path, capsys):
-    moved = set_by((MIDDLE_US, by_us))
+def test_a_replay_of_a_ground_stations_log_is_not_late_after_a_step(tmp_path, capsys):
     answers = []
-    for clock in (int, moved):
+    for clock in (int, set_by((MIDDLE_US, DAY_US)), set_by((MIDDLE_US, -HOUR_US))):
         path = tmp_path / "flight.tlog"
         write_tlog(path, [(clock(arrival_us), raw) for arrival_us, raw in flight(SECONDS)])
         assert main(["run", str(path), "--json", "-", "--quiet"]) == 0
         answers.append(json.loads(capsys.readouterr().out))
-    assert answers[0]["refusals_s"] == answers[1]["refusals_s"]
-    assert answers[0]["decisions"] == answers[1]["decisions"]
+    for what in ("refusals_s", "decisions"):
+        unmoved, ahead, back = (answer[what] for answer in answers)
+        assert unmoved == ahead == back
 
 
 def test_a_recording_of_the_companion_is_replayed_with_the_stamps_it_has(tmp_path):

@@ -87,7 +87,7 @@ def _messages(
             whole = [round(float(v) / G * 1e3) for v in accel[k]] + [
                 round(float(v) * 1e3) for v in gyro[k]
             ]
-            whole = [int(np.clip(v, -32767, 32767)) for v in whole]
+            whole = [min(max(v, -32767), 32767) for v in whole]
             yield t, dialect.MAVLink_raw_imu_message(us, *whole, 200, 0, 450, 0, 3800)
             yield t, dialect.MAVLink_attitude_message(ms, *euler[k].tolist(), *gyro[k].tolist())
         if k % rates.servo == 0:

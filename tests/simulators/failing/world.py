@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .cases import Case
-from .control import Autopilot, curve
+from .control import Autopilot, cross, curve
 from .craft import Array, Craft, G
 
 DT = 0.004
@@ -225,7 +225,7 @@ class _World:
         """Of points (n, m, 3) through the air, body axes."""
         air = self.v - self.wind - self.eddies - self.gust
         body = np.einsum("nji,nj->ni", rotation, air)
-        return body[:, None, :] + np.cross(self.w[:, None, :], points)
+        return body[:, None, :] + cross(self.w[:, None, :], points)
 
     @property
     def gust(self) -> Array:
@@ -249,7 +249,7 @@ class _World:
         speed = np.linalg.norm(middle, axis=1, keepdims=True)
         area = 0.12 * self.arm[:, None] ** 2
         body = -0.5 * 1.225 * area * speed * middle
-        moment = np.cross(self.places, forces).sum(axis=1)
+        moment = cross(self.places, forces).sum(axis=1)
         moment[:, 2] += (-self.spins * self.reaction).sum(axis=1)
         moment -= 0.02 * (self.mass * self.arm**2)[:, None] * self.w
         force = forces.sum(axis=1) + body
@@ -270,7 +270,7 @@ class _World:
         """Ground below 0 and, for flights into a wall, a wall to the north: springs with damping and friction."""
         where = self.p[:, None] + np.einsum("nij,nkj->nki", rotation, self.feet)
         moving = self.v[:, None] + np.einsum(
-            "nij,nkj->nki", rotation, np.cross(self.w[:, None], self.feet)
+            "nij,nkj->nki", rotation, cross(self.w[:, None], self.feet)
         )
         stiff = (self.mass * G / (0.03 * self.arm))[:, None]
         damping = 0.6 * np.sqrt(stiff * self.mass[:, None] / 4.0)
@@ -288,12 +288,12 @@ class _World:
                 )
                 world[i, :, 0] -= push
         body = np.einsum("nji,nkj->nki", rotation, world)
-        return body.sum(axis=1), np.cross(self.feet, body).sum(axis=1)
+        return body.sum(axis=1), cross(self.feet, body).sum(axis=1)
 
     def _move(self, rotation: Array, force: Array, moment: Array) -> None:
         accel = np.einsum("nij,nj->ni", rotation, force) / self.mass[:, None]
         accel[:, 2] += G
-        spin = moment - np.cross(self.w, self.inertia * self.w)
+        spin = moment - cross(self.w, self.inertia * self.w)
         self.w = np.clip(self.w + DT * spin / self.inertia, -60.0, 60.0)
         self.v = self.v + DT * accel
         self.p = self.p + DT * self.v
