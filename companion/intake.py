@@ -109,7 +109,10 @@ def take_in(
 def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     now = max(state.t_s, sample.t_s)
     estimates = state.estimates
+    # What comes most often is asked for first.
     match sample:
+        case samples.Imu():
+            return _take_imu(state, sample, config)
         case samples.Attitude():
             stamped_s = max(state.stamped_s, sample.t_s)
             estimates = est.take_attitude(estimates, sample)
@@ -147,8 +150,6 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             hover = _learned_hover(state, sample)
             learned = with_changes(state.learned, hover=hover)
             return with_changes(state, t_s=now, stamped_s=stamped_s, learned=learned)
-        case samples.Imu():
-            return _take_imu(state, sample, config)
         case samples.LandedState():
             airborne = state.air.airborne._replace(landed_state=sample.landed_state)
             air = with_changes(state.air, airborne=airborne)
