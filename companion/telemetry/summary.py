@@ -23,7 +23,10 @@ _ORDER = {reason: place for place, reason in enumerate(Reason)}
 
 
 class _Range:
-    """Least, mean and most of one quantity, in plain floats: arrays take ten times as long to add a number to."""
+    """Least, mean and most of one quantity.
+
+    In plain floats: to add a number to arrays takes longer than all else of a summary.
+    """
 
     def __init__(self) -> None:
         self._low = math.inf

@@ -293,7 +293,10 @@ class _After:
     doubt: Array
 
     def by_motor(self, signals: _Signals) -> tuple[Array, Array]:
-        """What motors are declared to give (fans, gains, n, 3), and variances (fans, n, 3) beside their losses."""
+        """What motors are declared to give (fans, gains, n, 3), and the variances beside their losses.
+
+        Variances: (fans, n, 3).
+        """
         given = signals.by_fan[self.rows].swapaxes(0, 1) * self.ramp[:, None]
         return _BY_AXIS[:, None] * given[:, None], self.var + (self.doubt[:, None] * given) ** 2
 
@@ -409,9 +412,9 @@ def _before(
 
 
 def _evidence(left: Array, var: Array, slow: Array) -> Array:
-    """Log likelihood (..., gains) of what is left (..., gains, n, 3): white noise and one offset of variance ``slow``.
+    """Log likelihood (..., gains) of what is left (..., gains, n, 3).
 
-    ``var`` (..., n, 3): the variance of the noise.
+    White noise of variance ``var`` (..., n, 3) and one offset of variance ``slow``.
     """
     weight = 1.0 / var
     square = (left**2 * weight).sum(axis=-2)

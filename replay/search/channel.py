@@ -194,7 +194,9 @@ class Whitened:
         self._rows.append(self._spectrum.whiten(self.channel.rows[old:].T, self.channel.run).T)
         if count < len(self._gram):
             return
-        gram = np.full((2 * count, 2 * count), np.nan)
+        # Room for a quarter more only: most of the memory of a search lies here.
+        size = count + count // 4 + 1
+        gram = np.full((size, size), np.nan)
         gram[:old, :old] = self._gram[:old, :old]
         gram[-1] = 0.0
         gram[:, -1] = 0.0

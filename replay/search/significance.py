@@ -135,7 +135,7 @@ def cancelled(u: Contributions) -> float:
 
 
 def standing(u: Contributions, parts: Sequence[Array], asked: Sequence[int]) -> Array:
-    """How far terms with these numbers stand out by ``parts`` of what they do: 1 is just enough to be named.
+    """How far terms with these numbers stand out by ``parts`` of what they do: from 1 on, a name.
 
     z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN). In hundredths of the weight: T the top of what a
     term does, F what the other terms may leave by their form, R the slow rest, O its minimum unique contribution.

@@ -2,12 +2,14 @@
 
     python tests/benchmarks speed.latency [--seconds 60] [--turns 5] [--rate 400 1300] [--floor] [--held-to 0.1]
 
-One generator process sends a hovering vehicle's stream over loopback UDP at a steady rate. In turns, (a) a bare
-pymavlink receiver answers each ATTITUDE_QUATERNION with a fixed SET_ATTITUDE_TARGET, (b) a plain pipeline of pymavlink,
-filterpy and torch, (c) the companion answers it with what it decides. Latency = the generator's clock from sending the
-attitude to getting the setpoint that carries its time stamp. CPU = the answering process's own user + system time
-while it is measured, over the wall clock; *start-up* = what it used before that, up to its first answer. Instructions
-of user code, where the machine counts them (perf). Prints every turn, and medians of ratios of the turns.
+One generator process sends a hovering vehicle's stream over loopback UDP at a steady rate. In turns,
+(a) a bare pymavlink receiver answers each ATTITUDE_QUATERNION with a fixed SET_ATTITUDE_TARGET,
+(b) a plain pipeline of pymavlink, filterpy and torch, (c) the companion answers it with what it
+decides, adapting, and again with ``--adapt off``. Latency = the generator's clock from sending the
+attitude to getting the setpoint that carries its time stamp. CPU = the answering process's own user
+and system time while it is measured, over the wall clock; *start-up* = what it used before that, up
+to its first answer. Instructions of user code, where the machine counts them (perf). Prints every
+turn, and medians of ratios of the turns.
 ``--rate`` 1300 is what a real ArduCopter sends. ``--floor`` also measures (d) a loop that reads, checks and answers
 with the companion's own frames and nothing else, and (e) the companion with an empty decision: all is decoded, a fixed
 setpoint sent; what (c) takes beyond (e) is what deciding costs. ``--held-to`` 0.1 stops the companion for nine tenths
@@ -164,8 +166,12 @@ FIGURES = (
     ("p99 above the bare receiver's [ms]", "p99_over_ms", 0.3),
     ("p50 over the bare receiver's", "p50_of_bare", 1.0),
     ("processor time over the bare receiver's", "cpu_of_bare", 1.0),
+    ("without adaptation: p50 over the plain pipeline's", "p50_off_of_plain", 0.6),
+    ("without adaptation: processor time over the plain pipeline's", "cpu_off_of_plain", 0.55),
 )
 """What, its key in the answer, and its goal: at most this."""
+OFF = "adapt off"
+"""The companion again, which then measures no sizes."""
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PATIENCE_S = 60.0
 """For the first answer."""
@@ -223,7 +229,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE")
     add_option(parser)
     a = parser.parse_args()
-    names = ("bare", "plain", "companion", *(FLOOR if a.floor else ()))
+    names = ("bare", "plain", "companion", OFF, *(FLOOR if a.floor else ()))
     answer: dict[str, Any] = {}
     for rate in a.rate:
         print(f"{rate:g} messages/s")
@@ -275,6 +281,8 @@ def ratios(rounds: Sequence[Mapping[str, Turn]]) -> dict[str, tuple[float, float
         out["p99_over_ms"].append(ours.p99_ms - bare.p99_ms)
         out["p50_of_bare"].append(ours.p50_ms / bare.p50_ms)
         out["cpu_of_bare"].append(ours.cpu_percent / bare.cpu_percent)
+        out["p50_off_of_plain"].append(turns[OFF].p50_ms / plain.p50_ms)
+        out["cpu_off_of_plain"].append(turns[OFF].cpu_percent / plain.cpu_percent)
     return {key: (min(v), statistics.median(v), max(v)) for key, v in out.items()}
 
 
@@ -360,6 +368,8 @@ def measure(
         command = [sys.executable, "-c", script, endpoint, lasts]
     else:
         said_how = ("--quiet",) if folder is None else ("--json", str(folder / "report.json"))
+        if name == OFF:
+            options = (*options, "--adapt", "off")
         command = flight_command(port, "--duration", lasts, *said_how, *options)
     with open(os.devnull if folder is None else folder / "said", "w", encoding="utf-8") as said:
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
