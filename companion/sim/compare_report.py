@@ -17,9 +17,16 @@ OFFSETS = {Leg.ON: "the offsets remove", Leg.ADAPTED: "the adapted offsets remov
 """Legs with offsets, as a table says it of them."""
 SCATTER = {"height": 0.14, "lateral": 0.2, "tilt": 0.03}
 """Standard deviation between seeds of the error in free air, as a share of it (seeds 61 to 66, docs/results.md)."""
+PHASE_SCATTER_MM = 3.0
+"""Standard deviation between seeds of the height's RMS in one phase in free air (seeds 61 to 68)."""
 _READING = (
     "touched: time in contact with ground or wall. In free air: what the path itself costs, with",
     "neither ground nor wall: about the best that offsets can do. --seed N flies another one.",
+)
+_ONE_SEED = (
+    "From seed to seed the height of one phase differs by "
+    f"{PHASE_SCATTER_MM:.0f} mm (1 sd) in free air:",
+    "one flight does not tell rows apart that are closer than twice that.",
 )
 WAYS = {"energy": "by energy", "paired": "instant by instant"}
 """How the share of the error that the offsets remove is taken (see ``air_part``)."""
@@ -253,6 +260,8 @@ def as_text(found: LegComparison) -> str:
             lines += [_part_line(WAYS[way], shares, clear) for way, shares in part.items()]
             lines += [_unclear_line(found, axis) for axis in AXES if axis not in clear]
     lines += ["", *_READING]
+    if not wide:
+        lines += _ONE_SEED
     return "\n".join(lines)
 
 

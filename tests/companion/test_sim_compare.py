@@ -119,11 +119,13 @@ def test_table_shows_every_leg_with_its_numbers():
         "model: shipped, wrong about this air by 20 % in lift, 21 % in pull, 15 % in tilt; no offsets: 100 %"
         in text
     )
+    assert "one flight does not tell rows apart" in text
 
 
 def test_table_of_several_seeds_gives_mean_and_sd():
     text = as_text(compared(*flights(1), *flights(2)))
     assert "2 seeds, mean ± sd" in text
+    assert "one flight does not tell rows apart" not in text
     assert "± 0" in text
 
 
