@@ -27,7 +27,8 @@ TRUSTED = 0x33F
 """ESTIMATOR_STATUS and EKF_STATUS_REPORT: attitude, velocities, positions relative and absolute, their forecasts."""
 _NO_TEMPERATURE = 32767
 """Battery temperature that is not known."""
-_RANGE_CM = round(100.0 * RANGE_MIN_M), round(100.0 * RANGE_MAX_M)
+_LEAST_CM = round(100.0 * RANGE_MIN_M)
+_MOST_CM = round(100.0 * RANGE_MAX_M)
 Messages = list[Any]
 
 
@@ -240,13 +241,14 @@ class VehicleLink:
     def _distances(self) -> Messages:
         return [
             mavlink.MAVLink_distance_sensor_message(
-                self.boot_ms,
-                *_RANGE_CM,
-                round(100.0 * sensor.reading_m),
-                mavlink.MAV_DISTANCE_SENSOR_LASER,
-                index,
-                sensor.sensor.orientation,
-                self.range_covariance,
+                time_boot_ms=self.boot_ms,
+                min_distance=_LEAST_CM,
+                max_distance=_MOST_CM,
+                current_distance=round(100.0 * sensor.reading_m),
+                type=mavlink.MAV_DISTANCE_SENSOR_LASER,
+                id=index,
+                orientation=sensor.sensor.orientation,
+                covariance=self.range_covariance,
             )
             for index, sensor in enumerate(self._flight.ranges)
         ]
@@ -254,18 +256,19 @@ class VehicleLink:
     def _obstacles(self) -> Messages:
         out = []
         for ring in self._flight.rings:
-            read = [min(round(100.0 * beam.reading_m), _RANGE_CM[1] + 1) for beam in ring]
+            read = [min(round(100.0 * beam.reading_m), _MOST_CM + 1) for beam in ring]
             step_deg = 360.0 / len(ring)
             out.append(
                 mavlink.MAVLink_obstacle_distance_message(
-                    self.boot_us,
-                    mavlink.MAV_DISTANCE_SENSOR_LASER,
-                    read + [65535] * (72 - len(read)),
-                    round(step_deg),
-                    *_RANGE_CM,
-                    step_deg,
-                    0.0,
-                    mavlink.MAV_FRAME_BODY_FRD,
+                    time_usec=self.boot_us,
+                    sensor_type=mavlink.MAV_DISTANCE_SENSOR_LASER,
+                    distances=read + [65535] * (72 - len(read)),
+                    increment=round(step_deg),
+                    min_distance=_LEAST_CM,
+                    max_distance=_MOST_CM,
+                    increment_f=step_deg,
+                    angle_offset=0.0,
+                    frame=mavlink.MAV_FRAME_BODY_FRD,
                 )
             )
         return out

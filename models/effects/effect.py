@@ -102,7 +102,8 @@ class Effect:
     @property
     def kept(self) -> bool:
         """Whether an amended model takes it to the next flight: what makes the effect is not of one flight."""
-        return any(self.is_main(c) and not self.of_day(c) for c in self.coefficients)
+        lasting = {c.name for c in self.coefficients if not self.of_day(c)}
+        return not self.main_names.isdisjoint(lasting)
 
     def of_next_flight(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """Adopted parameters as the next flight starts with them: what is of one flight at zero.
@@ -144,9 +145,10 @@ class Effect:
             return replace(adopted, parameters=self.of_next_flight(adopted.parameters))
         return replace(self.stays(adopted.parameters), without=adopted.without)
 
-    def is_main(self, coefficient: Coefficient) -> bool:
-        """Whether the effect is not there without it."""
-        return not self.main or coefficient.name in self.main
+    @property
+    def main_names(self) -> frozenset[str]:
+        """Coefficients that make the effect: all, where ``main`` names none."""
+        return frozenset(self.main or [c.name for c in self.coefficients])
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import expit
 
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.changes.spread import VarianceComponent, as_flown, usual
 from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
-from replay.search.estimates import DRAWS, IntervalEstimate, said
+from replay.search.estimates import DRAWS, SIDE, IntervalEstimate, said
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Design, Library
 from replay.search.significance import Contributions, beyond_bounds, tops
@@ -71,21 +72,19 @@ class Baseline:
 
 def learn(records: Sequence[Record]) -> Baseline:
     """The vehicle of some flights on which nothing was wrong."""
-    effects = [_shared(e) for e in catalogue() if not e.search.remainder]
-    walked = walk(records, effects)
+    effects = _without_remainder()
+    walked = walk(records, [_shared(e) for e in effects])
     best = walked.best
     found = []
     explained = [np.zeros_like(r.residual) for r in records]
-    for t in (t for t in best.terms if t.effect is not None):
+    for t in best.of_effects:
         for f in t.places:
             x, _ = walked.evidence.library.wrenches(t, f)
             b = best.sizes(t, f)
             explained[f] += x @ b
         found.append(AdoptedEffect(t.name, t.named.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
-    sizes = as_flown(
-        usual([e for e in catalogue() if not e.search.remainder], found, records[0]), left
-    )
+    sizes = as_flown(usual(effects, found, records[0]), left)
     return Baseline(tuple(records), tuple(found), tuple(sizes))
 
 
@@ -105,31 +104,36 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     flights = [*good.records, today]
     last = len(flights) - 1
     shapes = {}
-    for e in good.found:
-        shapes[e.name] = tuple(e.parameters[s.name] for s in get(e.name).shapes)
-    # A load counts as a change; the weather of a flight is in the spread.
-    common = [
-        e
-        for e in catalogue()
-        if not e.search.remainder and (not e.belongs_to.of_day or e.name in shapes)
-    ]
-    same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
-    parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and not e.law]
-    other = [_changed(e, e.name in shapes, today.context) for e in parts]
+    for adopted in good.found:
+        own = get(adopted.name).shapes
+        shapes[adopted.name] = tuple(adopted.parameters[s.name] for s in own)
+    effects = []
+    for e in _without_remainder():
+        # A load counts as a change; the weather of a flight is in the spread.
+        if not e.belongs_to.of_day or e.name in shapes:
+            effects.append(_with_shape(_shared(e), shapes.get(e.name)))
+    for e in catalogue():
+        if e.belongs_to in OF_A_VEHICLE and not e.law:
+            effects.append(_changed(e, e.name in shapes, today.context))
     spread = []
     for r in flights:
         spread.append([size.wrench(r) for size in good.sizes])
-    evidence = Evidence(Library(flights, [*same, *other], spread))
-    terms = evidence.library.terms
-    candidates = [
-        i for i, t in enumerate(terms) if t.effect is not None and t.flight in (None, last)
-    ]
-    start = [
-        t
-        for t in terms
-        if t.effect is not None and t.flight is None and t.shape == shapes.get(t.name)
-    ]
+    evidence = Evidence(Library(flights, effects, spread))
+    candidates = []
+    start = []
+    for i, t in enumerate(evidence.library.terms):
+        if t.effect is None:
+            continue
+        if t.flight in (None, last):
+            candidates.append(i)
+        if t.flight is None and t.shape == shapes.get(t.name):
+            start.append(t)
     return evidence, candidates, evidence.fit(start, evidence.unfitted())
+
+
+def _without_remainder() -> list[Effect]:
+    """The catalogue but for what corrects other effects."""
+    return [e for e in catalogue() if not e.search.remainder]
 
 
 def _other_shape(term: Term, fit: Fit) -> bool:
@@ -149,7 +153,9 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
         kinds = 0.0
     else:
         kinds = term.log_shape
-    prior = term.prior - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
+    prior = term.prior - kinds
+    if term.flight is not None:
+        prior -= RATHER_THE_SAME
     return TRUST * (fit.evidence - less.evidence) + within + prior
 
 
@@ -157,17 +163,16 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tupl
     """A set with one term more, the last, and what that gains, for the most promising ones."""
     taken = {t.key for t in fit.terms}
     terms = evidence.library.terms
-    wanted = [
-        i for i in candidates if terms[i].key not in taken and not _other_shape(terms[i], fit)
-    ]
-    grown = [
-        evidence.fit([*fit.terms, t], fit.noise) for _, t in evidence.promising(fit, wanted)[:TRIED]
-    ]
-    return [
-        (_log_odds(evidence, f, fit, f.terms[-1]), f)
-        for f in grown
-        if f.terms[-1].flight is None or _stands_out(evidence, f, f.terms[-1])
-    ]
+    wanted = []
+    for i in candidates:
+        if terms[i].key not in taken and not _other_shape(terms[i], fit):
+            wanted.append(i)
+    out = []
+    for _, term in evidence.promising(fit, wanted)[:TRIED]:
+        grown = evidence.fit([*fit.terms, term], fit.noise)
+        if term.flight is None or _stands_out(evidence, grown, term):
+            out.append((_log_odds(evidence, grown, fit, term), grown))
+    return out
 
 
 def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Change]:
@@ -176,22 +181,23 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
     for t in fit.terms:
         if t.flight is None:
             continue
-        less = evidence.fit([o for o in fit.terms if o is not t], fit.noise)
+        less = evidence.fit(fit.beside(t), fit.noise)
         log_odds = _log_odds(evidence, fit, less, t)
         if log_odds < SURE:
             continue
-        rivals = [
-            (g, f.terms[-1])
-            for g, f in _grown(evidence, less, candidates)
-            if f.terms[-1].key != t.key
-        ]
-        near = sorted(
-            ((g, r) for g, r in rivals if g > log_odds - NEAR and r.flight is not None),
-            key=lambda p: -p[0],
+        near = []
+        for odds, grown in _grown(evidence, less, candidates):
+            rival = grown.terms[-1]
+            if rival.key != t.key and rival.flight is not None and odds > log_odds - NEAR:
+                near.append((odds, rival.name))
+        near.sort(key=lambda pair: -pair[0])
+        probability = min(float(expit(log_odds)), MOST_SURE)
+        change = Change(
+            effect=get(t.name),
+            estimates=_said(fit, t, evidence.library.records[t.flight].context),
+            probability=round(probability, 3),
+            aliases=tuple(name for _, name in near),
         )
-        probability = min(1.0 / (1.0 + float(np.exp(-log_odds))), MOST_SURE)
-        sizes = _said(fit, t, evidence.library.records[t.flight].context)
-        change = Change(get(t.name), sizes, round(probability, 3), tuple(r.name for _, r in near))
         out.append((log_odds, change))
     return [change for _, change in sorted(out, key=lambda p: -p[0])]
 
@@ -203,7 +209,7 @@ def _said(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...
     draws = {e.name: np.full(DRAWS, e.value) for e in fitted}
     for i, e in enumerate(fitted):
         if e.ci95 is not None:
-            draws[e.name] = e.value + normal[:, i] * (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+            draws[e.name] = e.value + normal[:, i] * (e.ci95[1] - e.ci95[0]) / (2.0 * SIDE)
     return in_shares(said(term.named, context, fitted, draws), context.vehicle)
 
 
@@ -214,19 +220,14 @@ def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
     place = term.place(term.flight)
     mean = fit.sizes(term, term.flight)
     sd = np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
-    out = [
-        IntervalEstimate(
-            name=c.name,
-            value=float(m),
-            ci95=(float(m - 1.96 * s), float(m + 1.96 * s)),
-            unit=c.unit,
-        )
-        for c, m, s in zip(term.named.coefficients, mean, sd, strict=True)
-    ]
-    out += [
-        IntervalEstimate(name=s.name, value=v, ci95=None, unit=s.unit)
-        for s, v in zip(term.named.shapes, term.shape, strict=True)
-    ]
+    low = mean - SIDE * sd
+    high = mean + SIDE * sd
+    out = []
+    for i, c in enumerate(term.named.coefficients):
+        interval = float(low[i]), float(high[i])
+        out.append(IntervalEstimate(name=c.name, value=float(mean[i]), ci95=interval, unit=c.unit))
+    for s, value in zip(term.named.shapes, term.shape, strict=True):
+        out.append(IntervalEstimate(name=s.name, value=value, ci95=None, unit=s.unit))
     return tuple(out)
 
 
@@ -235,9 +236,8 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     b = fit.b[fit.part(term)]
     if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
         return False
-    main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    intervals = [e.ci95 for e in _estimates(fit, term) if e.name in main and e.ci95 is not None]
-    if all(low <= 0.0 <= high for low, high in intervals):
+    main = [e for e in _estimates(fit, term) if e.name in term.named.main_names]
+    if all(e.holds_zero for e in main):
         return False
     u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
     return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())
@@ -249,8 +249,9 @@ def _shared(effect: Effect) -> Effect:
         return effect
     coefficients = []
     for c in effect.coefficients:
-        of_weather = c.belongs_to is BelongsTo.WEATHER
-        coefficients.append(c if of_weather else replace(c, belongs_to=None))
+        if c.belongs_to is not BelongsTo.WEATHER:
+            c = replace(c, belongs_to=None)
+        coefficients.append(c)
     if effect.belongs_to is BelongsTo.LOAD:
         belongs_to = BelongsTo.VEHICLE
     else:
@@ -260,12 +261,9 @@ def _shared(effect: Effect) -> Effect:
 
 def _changed(effect: Effect, known: bool, today: Context) -> Effect:
     """An effect as a change of it on one flight: about zero where the vehicle had it before, and in both directions."""
-    coefficients = tuple(
-        replace(c, low=-c.most(today), centre=0.0, belongs_to=None)
-        if known
-        else replace(c, belongs_to=None)
-        for c in effect.coefficients
-    )
+    coefficients = [replace(c, belongs_to=None) for c in effect.coefficients]
+    if known:
+        coefficients = [replace(c, low=-c.most(today), centre=0.0) for c in coefficients]
 
     def lacking(ctx: Context) -> str | None:
         if ctx is today:
@@ -275,7 +273,7 @@ def _changed(effect: Effect, known: bool, today: Context) -> Effect:
     return replace(
         _from_the_start(effect),
         belongs_to=BelongsTo.LOAD,
-        coefficients=coefficients,
+        coefficients=tuple(coefficients),
         lacking=lacking,
     )
 

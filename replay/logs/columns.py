@@ -145,7 +145,20 @@ def range_beam(
         step_m = smallest_step(distance)
     pairs = zip(distance.tolist(), quality.tolist(), strict=True)
     verdicts = tuple(range_verdict(value, low, high, int(q), True) for value, q in pairs)
-    return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
+    component, sensor_id, orientation = sensor
+    return Beam(
+        direction_frd=direction,
+        component=component,
+        sensor_id=sensor_id,
+        orientation=orientation,
+        source=readings.source,
+        distance=readings,
+        verdicts=verdicts,
+        min_m=low,
+        max_m=high,
+        sigma_m=sigma_m,
+        step_m=step_m,
+    )
 
 
 def quaternions(euler: Array) -> Array:

@@ -23,10 +23,14 @@ from companion.mavlink.samples import (
     ServoOutput,
     SetAttitudeTarget,
 )
+from companion.mavlink.setpoints import RATES_IGNORED
 from replay.flightlog import Beam, FlightLog, ImuRecord, Interval, Series
 
 _COMPONENT = 1
 """Component of an autopilot (MAV_COMP_ID_AUTOPILOT1)."""
+_STATION = 255
+_STATION_COMPONENT = 190
+"""System and component of a ground station (MAV_COMP_ID_MISSIONPLANNER)."""
 _HEARTBEAT_S = 1.0
 """Rate of an autopilot's heartbeat."""
 _SAME_MESSAGE_S = 0.1
@@ -164,5 +168,13 @@ def _targets(log: FlightLog, head: Head) -> Iterator[Sample]:
 def _commands(log: FlightLog, head: Head) -> Iterator[Sample]:
     for t, (w, x, y, z, thrust) in _rows(log.commands):
         yield SetAttitudeTarget(
-            t, 255, 190, 7, (w, x, y, z), (np.nan, np.nan, np.nan), thrust, *head
+            t_s=t,
+            system=_STATION,
+            component=_STATION_COMPONENT,
+            type_mask=RATES_IGNORED,
+            q_ned_frd=(w, x, y, z),
+            rates_frd=(np.nan, np.nan, np.nan),
+            thrust=thrust,
+            target_system=log.system,
+            target_component=_COMPONENT,
         )

@@ -49,8 +49,8 @@ def _once_more(walked: Walked) -> Walked | None:
 def _first_ones(fit: Fit) -> list[Term]:
     """Terms of effects that may be there several times, one of each effect and flight."""
     out = []
-    for term in fit.terms:
-        if term.effect is not None and term.effect.search.several and term.instance == 1:
+    for term in fit.of_effects:
+        if term.named.search.several and term.instance == 1:
             out.append(term)
     return out
 
@@ -64,7 +64,7 @@ def _with_another(sets: Sets, fit: Fit, term: Term) -> list[Fit]:
     bases = [fit]
     for gone in fit.terms:
         if gone not in same:
-            bases.append(sets.weigh([t for t in fit.terms if t is not gone], fit))
+            bases.append(sets.weigh(fit.beside(gone), fit))
     grown = [new for base in bases for new in _grown(sets, base, others)]
     return [lighter(sets, max(grown, key=lambda new: new.promise))]
 

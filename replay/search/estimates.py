@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from models.common.frames import Array
-from models.effects import Context, Effect
+from models.effects import Coefficient, Context, Effect
 from replay.search.channel import hundredths
 from replay.search.evidence import Evidence, Fit
 from replay.search.held_out import FlightFit, folds_of
@@ -27,7 +27,7 @@ from replay.search.thresholds import (
 
 DRAWS = 4000
 """Of the joint posterior: the ends of a 95 % interval are then sure to 2 % of its width."""
-_SIDE = 1.96
+SIDE = 1.96
 """Standard deviations from the middle to the end of a 95 % interval."""
 
 
@@ -50,25 +50,37 @@ class IntervalEstimate:
         if self.ci95 is not None:
             out["ci95"] = self.ci95
         out["unit"] = self.unit
-        return out | ({"at_bound": True} if self.at_bound else {})
+        if self.at_bound:
+            out["at_bound"] = True
+        return out
+
+    @property
+    def holds_zero(self) -> bool:
+        """Whether zero lies within its interval."""
+        return self.ci95 is not None and self.ci95[0] <= 0.0 <= self.ci95[1]
 
     @property
     def sign_probability(self) -> float:
         """That it has the sign of its value, Phi(|b| / s); 1 where the interval leaves zero out."""
-        if self.ci95 is None:
+        if not self.holds_zero or not self.width:
             return 1.0
+        return float(ndtr(abs(self.value) / self.width * 2.0 * SIDE))
+
+    @property
+    def width(self) -> float:
+        """Of its interval; 0 where it is not estimated."""
+        if self.ci95 is None:
+            return 0.0
         low, high = self.ci95
-        if low <= 0.0 <= high and low < high:
-            return float(ndtr(abs(self.value) / (high - low) * 2.0 * _SIDE))
-        return 1.0
+        return high - low
 
     def times(self, factor: float, unit: str) -> IntervalEstimate:
         """In another unit."""
+        scaled = replace(self, value=self.value * factor, unit=unit)
         if self.ci95 is None:
-            interval = None
-        else:
-            interval = (self.ci95[0] * factor, self.ci95[1] * factor)
-        return replace(self, value=self.value * factor, ci95=interval, unit=unit)
+            return scaled
+        low, high = self.ci95
+        return replace(scaled, ci95=(low * factor, high * factor))
 
 
 @dataclass(frozen=True)
@@ -102,36 +114,49 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
     sd = np.sqrt(variance + _between(walked, term, flight, mean))
     fitted: list[IntervalEstimate] = []
     possible: list[IntervalEstimate] = []
-    for i, (c, m, s) in enumerate(zip(effect.coefficients, mean, sd.tolist(), strict=True)):
-        low = c.least(context)
-        high = c.most(context)
-        typical = c.spread(context)
-        value = float(np.clip(m, low, high))
-        half = _SIDE * s
-        at = min(value - low, high - value) < BOUND_SHARE * min(high - low, 10.0 * typical)
-        at = at and half > 0.0 and (not effect.main or c.name in effect.main)
-        interval = min(value, m - half), max(value, m + half)
-        within = _within_bounds(m, s, low, high)
-        if c.foretold:
+    for i, coefficient in enumerate(effect.coefficients):
+        shown = 1.0
+        if coefficient.foretold:
             wrenches, _ = walked.evidence.library.wrenches(term, flight)
-            shown = _share_of_lines(fit, m * wrenches[..., i])
-            interval = interval[0], interval[1] / shown
-            within = within[0], min(within[1] / shown, high)
-        determined = s < LEARNT / np.sqrt(TRUST) * typical
-        one = IntervalEstimate(
-            name=c.name, value=value, ci95=interval, unit=c.unit, at_bound=at, determined=determined
-        )
+            shown = _share_of_lines(fit, mean[i] * wrenches[..., i])
+        one, within = _interval(effect, coefficient, context, mean[i], float(sd[i]), shown)
         fitted.append(one)
         possible.append(replace(one, ci95=within))
-    fitted += shapes
-    possible += shapes
     # The correlations are the posterior's, the spreads those of the intervals.
     wider = sd / np.sqrt(np.maximum(posterior, 1e-300) * TRUST)
     normal = np.random.default_rng(0).standard_normal((DRAWS, len(mean)))
     draws = _within(mean + (normal @ root) * wider, effect, context)
     by_name = {c.name: draws[:, i] for i, c in enumerate(effect.coefficients)}
     by_name |= {e.name: _drawn(e, len(draws)) for e in shapes}
-    return Sizes(tuple(fitted), said(effect, context, possible, by_name))
+    return Sizes(
+        fitted=(*fitted, *shapes), said=said(effect, context, [*possible, *shapes], by_name)
+    )
+
+
+def _interval(
+    effect: Effect, c: Coefficient, context: Context, mean: float, sd: float, shown: float
+) -> tuple[IntervalEstimate, tuple[float, float]]:
+    """A coefficient of N(``mean``, ``sd``^2), and the part of its interval that is possible.
+
+    ``shown``: share of the line that least squares show, by which the upper end is divided.
+    """
+    low = c.least(context)
+    high = c.most(context)
+    typical = c.spread(context)
+    value = float(np.clip(mean, low, high))
+    half = SIDE * sd
+    edge = BOUND_SHARE * min(high - low, 10.0 * typical)
+    at_bound = min(value - low, high - value) < edge and half > 0.0
+    estimate = IntervalEstimate(
+        name=c.name,
+        value=value,
+        ci95=(min(value, mean - half), max(value, mean + half) / shown),
+        unit=c.unit,
+        at_bound=at_bound and c.name in effect.main_names,
+        determined=sd < LEARNT / np.sqrt(TRUST) * typical,
+    )
+    least, most = _within_bounds(mean, sd, low, high)
+    return estimate, (least, min(most / shown, high))
 
 
 def _drawn(shape: IntervalEstimate, count: int) -> Array:
@@ -139,7 +164,7 @@ def _drawn(shape: IntervalEstimate, count: int) -> Array:
     if shape.ci95 is None:
         return np.full(count, shape.value)
     low, high = shape.ci95
-    sd = (high - low) / (2.0 * _SIDE)
+    sd = shape.width / (2.0 * SIDE)
     return np.clip(shape.value + sd * np.random.default_rng(1).standard_normal(count), low, high)
 
 
@@ -212,10 +237,11 @@ def _jackknife(values: Array) -> Array:
 
 def _within_bounds(mean: float, sd: float, low: float, high: float) -> tuple[float, float]:
     """The part of a 95 % interval within bounds; where hardly any is, that of the normal cut off at them."""
-    near, far = np.clip([mean - _SIDE * sd, mean + _SIDE * sd], low, high)
+    near, far = np.clip([mean - SIDE * sd, mean + SIDE * sd], low, high)
     ends = (low - mean) / sd, (high - mean) / sd
-    tail = [mean + sd * _cut_off_quantile(p, *ends) for p in (0.025, 0.975)]
-    return min(float(near), tail[0]), max(float(far), tail[1])
+    least = mean + sd * _cut_off_quantile(0.025, *ends)
+    most = mean + sd * _cut_off_quantile(0.975, *ends)
+    return min(float(near), least), max(float(far), most)
 
 
 def _cut_off_quantile(p: float, low: float, high: float) -> float:
@@ -256,9 +282,10 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
     out = np.zeros_like(mean)
     total = 0.0
     for fit, weight in walked.weighted():
-        for t in fit.terms:
-            if t.effect is not None and t.key == term.key and flight in t.places:
-                out += weight * (t.effect.mixed(fit.sizes(t, flight), t.shape) - mean) ** 2
+        for t in fit.of_effects:
+            if t.key == term.key and flight in t.places:
+                off = t.named.mixed(fit.sizes(t, flight), t.shape) - mean
+                out += weight * off**2
                 total += weight
     return out / max(total, 1e-12)
 
@@ -271,30 +298,28 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     """
     shape = term.named.shapes[i]
     value = float(term.shape[i])
+    without_interval = IntervalEstimate(name=shape.name, value=value, ci95=None, unit=shape.unit)
     if not shape.continuous or value in shape.kinds:
-        return IntervalEstimate(name=shape.name, value=value, ci95=None, unit=shape.unit)
+        return without_interval
     gains = _profile(walked, term, i)
     if len(gains) < 2:
-        return IntervalEstimate(name=shape.name, value=value, ci95=None, unit=shape.unit)
+        return without_interval
     tried = np.array(sorted(gains))
     weight = np.exp([gains[v] - max(gains.values()) for v in tried])
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
     total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
     low, high = np.interp([0.025, 0.975], total / total[-1], edges)
-    half = _SIDE * np.sqrt(
-        _between_shapes(walked, term, i) + _folds_variance(walked, term, i, flights)
-    )
+    of_sets = _between_shapes(walked, term, i)
+    of_folds = _folds_variance(walked, term, i, flights)
+    half = SIDE * np.sqrt(of_sets + of_folds)
     low = min(low, value - half)
     high = max(high, value + half)
     if tried[0] >= 0.0:
         low = max(low, 0.0)
-    at = value in (tried[0], tried[-1]) and not (value == 0.0 and shape.free_at_zero)
-    return IntervalEstimate(
-        name=shape.name,
-        value=value,
-        ci95=(float(low), float(high)),
-        unit=shape.unit,
-        at_bound=bool(at),
+    at_edge = value in (tried[0], tried[-1])
+    free = value == 0.0 and shape.free_at_zero
+    return replace(
+        without_interval, ci95=(float(low), float(high)), at_bound=bool(at_edge and not free)
     )
 
 
@@ -302,13 +327,14 @@ def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
     """By value of a shape parameter the largest TRUST gain in log evidence beside the other terms of the best set."""
     evidence = walked.evidence
     shape = term.named.shapes[i]
-    beside = [t for t in walked.best.terms if t is not term]
-    screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
+    beside = evidence.refit(walked.best.beside(term), walked.best.noise)
+    screened = evidence.screen(beside, term.key)
     gains: dict[float, float] = {}
     for number in evidence.library.numbers_of[term.key]:
         value = evidence.library.terms[number].shape[i]
+        gain = TRUST * float(screened[number])
         if value not in shape.kinds:
-            gains[value] = max(gains.get(value, -np.inf), TRUST * float(screened[number]))
+            gains[value] = max(gains.get(value, -np.inf), gain)
     return gains
 
 
@@ -334,6 +360,7 @@ def _folds_variance(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     if three is None:
         return 0.0
     values = np.array([t.shape[i] for t in three])
+    tried = [t.shape[i] for t in walked.evidence.library.with_key(term.key)]
     sets = []
     for t in three:
         sets.append([t if old is term else old for old in walked.best.terms])
@@ -341,34 +368,25 @@ def _folds_variance(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
     for flight in flights:
         vertices = []
         for left_out in folds_of(walked.evidence.library, flight):
-            fits = [
-                walked.evidence.refit(terms, walked.best.noise, {flight: left_out})
-                for terms in sets
-            ]
-            vertex = _vertex(values, np.array([_log_posterior(f) for f in fits]))
-            vertices.append(np.clip(vertex, *_tried(walked.evidence, term, i)))
-        variance += float(_jackknife(np.array(vertices)[:, None])[0])
+            heights = []
+            for terms in sets:
+                fit = walked.evidence.refit(terms, walked.best.noise, {flight: left_out})
+                heights.append(_log_posterior(fit))
+            vertices.append(_vertex(values, np.array(heights)))
+        likeliest = np.clip(vertices, min(tried), max(tried))
+        variance += float(_jackknife(likeliest[:, None])[0])
     return variance
-
-
-def _tried(evidence: Evidence, term: Term, i: int) -> tuple[float, float]:
-    """The smallest and the largest value of a shape parameter that was tried."""
-    terms = [evidence.library.terms[number] for number in evidence.library.numbers_of[term.key]]
-    values = [t.shape[i] for t in terms]
-    return min(values), max(values)
 
 
 def _beside_each_other(evidence: Evidence, term: Term, i: int) -> tuple[Term, Term, Term] | None:
     """The terms below, at and above a value of a shape parameter, all else the same; None at an edge."""
-    library = evidence.library
-    same = [library.terms[number] for number in library.numbers_of[term.key]]
-    rest = term.shape[:i] + term.shape[i + 1 :]
     kinds = term.named.shapes[i].kinds
-    row = {
-        t.shape[i]: t
-        for t in same
-        if t.shape[:i] + t.shape[i + 1 :] == rest and t.shape[i] not in kinds
-    }
+    row = {}
+    for other in evidence.library.with_key(term.key):
+        value = other.shape[i]
+        same = (*other.shape[:i], term.shape[i], *other.shape[i + 1 :]) == term.shape
+        if same and value not in kinds:
+            row[value] = other
     below = [v for v in row if v < term.shape[i]]
     above = [v for v in row if v > term.shape[i]]
     if not below or not above:
@@ -378,9 +396,9 @@ def _beside_each_other(evidence: Evidence, term: Term, i: int) -> tuple[Term, Te
 
 def _log_posterior(fit: Fit) -> float:
     """Of a refitted set beside its noise, up to what is the same for all sets: 1/2 (b^T A b + log det A^-1)."""
-    return 0.5 * float(fit.b @ np.linalg.solve(fit.cov, fit.b)) + 0.5 * float(
-        np.linalg.slogdet(fit.cov)[1]
-    )
+    b_a_b = float(fit.b @ np.linalg.solve(fit.cov, fit.b))
+    log_det = float(np.linalg.slogdet(fit.cov)[1])
+    return 0.5 * b_a_b + 0.5 * log_det
 
 
 def _vertex(x: Array, y: Array) -> float:

@@ -99,9 +99,18 @@ class Fit:
         return frozenset(t.key for t in self.terms)
 
     @property
+    def of_effects(self) -> list[Term]:
+        """Its terms that are effects; the others are free curves."""
+        return [t for t in self.terms if t.effect is not None]
+
+    @property
     def effects(self) -> set[str]:
         """Names of its effects."""
-        return {t.name for t in self.terms if t.effect is not None}
+        return {t.name for t in self.of_effects}
+
+    def beside(self, term: Term) -> list[Term]:
+        """Its terms but for one."""
+        return [t for t in self.terms if t is not term]
 
     def part(self, term: Term) -> slice:
         """Where a term's coefficients stand in ``b``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate, groupby, zip_longest
+from itertools import accumulate, groupby, product, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -105,19 +105,16 @@ class Library:
                 self.remainders.append(effect)
             else:
                 self._add_effect(effect, usable)
-        known = set()
+        known: set[tuple[str, str]] = set()
         for t in self.terms:
-            if t.effect is not None:
-                for channel in t.effect.channels:
-                    for axis in t.effect.axes:
-                        known.add((channel, axis))
+            known.update(product(t.named.channels, t.named.axes))
         for curve in curves(self.records):
-            self._add_curve(
-                curve, curve.name in ATTITUDE or (curve.name, AXES[curve.axis]) in known
-            )
+            explained = (curve.name, AXES[curve.axis]) in known
+            self._add_curve(curve, curve.name in ATTITUDE or explained)
         self.trim = self._add_trim()
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
-        self.bias, self.x_bias = np.empty(0), np.empty((0, 0))
+        self.bias = np.empty(0)
+        self.x_bias = np.empty((0, 0))
         """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over their error."""
         self._reach()
 
@@ -155,10 +152,13 @@ class Library:
         """The terms of an effect once more, for a further one of it: all shapes but some first ones."""
         key = replace(term, instance=instance).key
         if key not in self.numbers_of:
-            for number in list(self.numbers_of[term.key]):
-                other = self.terms[number]
+            for other in self.with_key(term.key):
                 if other.shape[0] not in but:
                     self._take_in(replace(other, instance=instance))
+        return self.with_key(key)
+
+    def with_key(self, key: Key) -> list[Term]:
+        """Terms with a key: one effect in all its shapes."""
         return [self.terms[number] for number in self.numbers_of.get(key, [])]
 
     def forget(self, term: Term) -> None:
@@ -178,16 +178,13 @@ class Library:
         for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
             if not parameter.continuous or value in parameter.kinds:
                 continue
-            grid = sorted(
-                {t.shape[i] for t in self.terms if t.key == term.key} - set(parameter.kinds)
-            )
+            grid = sorted({t.shape[i] for t in self.with_key(term.key)} - set(parameter.kinds))
             at = grid.index(value)
             for near in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
                 between = float(value + share * (near - value))
                 # A length at which a curve is linearised may not pass through none.
-                if any(abs(between - g) < 1e-9 for g in grid) or (
-                    effect.search.at_shape and value * near < 0.0
-                ):
+                through_none = effect.search.at_shape and value * near < 0.0
+                if through_none or np.abs(np.subtract(grid, between)).min() < 1e-9:
                     continue
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
                 self._add(effect, term.flight, list(term.places), shape, term.log_shape)
@@ -250,11 +247,10 @@ class Library:
         places, priors = self._numbered(effect, flights, spread, centre)
         bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
         for parts in zip_longest(*bent):
+            column = np.array([self.size])
             for f, part in zip(flights, parts, strict=True):
                 if part is not None:
-                    self._put(
-                        f, self._searched_axes(effect, f), np.array([self.size]), part[..., None]
-                    )
+                    self._put(f, self._searched_axes(effect, f), column, part[..., None])
             priors.append(Prior(column=self.size, scale=FORM_PRIOR))
             self.size += 1
         self._take_in(
@@ -297,7 +293,7 @@ class Library:
                             centre=centre[i] / spread[i],
                             low=c.least(own) / spread[i],
                             high=c.most(own) / spread[i],
-                            main=float(effect.is_main(c)),
+                            main=float(c.name in effect.main_names),
                         )
                     )
                     self.size += 1
@@ -313,10 +309,9 @@ class Library:
             self._mix(effect, f, effect.mixing(shape) * spread, place)
             return []
         x = regressors_of(effect, record, shape) * spread
-        bent = []
+        bent: list[Array] = []
         for i in _with_errors_of_form(effect):
-            for b in bent_forms(x[:, :, i], record):
-                bent.append(b[:: self.every[f]])
+            bent += [b[:: self.every[f]] for b in bent_forms(x[:, :, i], record)]
         self._put(f, self._searched_axes(effect, f), place, x[:: self.every[f]])
         if effect.kinematic_bias is not None:
             part = effect.kinematic_bias(record.context, shape) * spread
@@ -342,11 +337,8 @@ class Library:
                 self._at[f, a].add(columns[live], x[:, a][:, live])
 
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
-        return [
-            a
-            for a in self.records[f].axes
-            if not effect.search.searched or AXES[a] in effect.search.searched
-        ]
+        wanted = effect.search.searched or AXES
+        return [a for a in self.records[f].axes if AXES[a] in wanted]
 
     def _channel(self, f: int, a: int) -> ResidualChannel:
         record = self.records[f]
@@ -360,16 +352,12 @@ class Library:
         """What every flight has without any effect, as columns of no term."""
         first = self.size
         for f, record in enumerate(self.records):
-            constant = (
-                hundredths(record.context)
-                * np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM)
-                * np.eye(6)
-            )
+            share = np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM)
+            constant = np.diag(hundredths(record.context) * share)
             trims = [np.broadcast_to(constant[a], (len(record.valid), 6)) for a in record.axes]
             trims.append(_late_rotors(record))
-            if np.isfinite(
-                record.kinematic_bias
-            ).any():  # an accelerometer of its own, not the velocity's derivative
+            # An accelerometer of its own, not the velocity's derivative.
+            if np.isfinite(record.kinematic_bias).any():
                 trims += [_late_velocity(record), *_off_centre(record)]
             trims += self._beside[f]
             for x in trims:
@@ -396,12 +384,10 @@ class Library:
         record = self.records[flight]
         x = regressors_of(effect, record, term.shape)
         spread = term.scale[term.place(flight)]
-        bent = [
-            part
-            for i in _with_errors_of_form(effect)
-            for part in bent_forms(x[:, :, i] * spread[i], record)
-        ]
-        forms = len(term.columns) - len({int(c) for p in term.places.values() for c in p})
+        bent: list[Array] = []
+        for i in _with_errors_of_form(effect):
+            bent += bent_forms(x[:, :, i] * spread[i], record)
+        forms = int(term.form.sum())
         out = np.zeros((len(x), 6, forms))
         for j, part in enumerate(bent[:forms]):
             out[:, :, j] = part
@@ -416,10 +402,9 @@ class Library:
             if part is None or curve.axis not in record.axes:
                 continue
             places[f] = columns
-            self._curves[int(columns[0]), f] = (
-                AMPLITUDE * hundredths(record.context)[curve.axis] * part
-            )
-            self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
+            force = AMPLITUDE * hundredths(record.context)[curve.axis] * part
+            self._curves[int(columns[0]), f] = force
+            self._at[f, curve.axis].add(columns, force[:: self.every[f]])
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self._take_in(
@@ -459,10 +444,12 @@ class Design:
     def __init__(self, library: Library, terms: Sequence[Term]) -> None:
         self.library = library
         self.terms = tuple(terms)
-        self.edges = list(accumulate((len(t.columns) for t in terms), initial=0))
-        self.columns = np.concatenate([*(t.columns for t in terms), library.trim])
-        self.centre = np.concatenate([*(t.centre for t in terms), np.zeros(len(library.trim))])
-        widths = [*(len(t.columns) for t in terms), len(library.trim)]
+        columns = [t.columns for t in terms]
+        centres = [t.centre for t in terms]
+        widths = [len(of_term) for of_term in (*columns, library.trim)]
+        self.edges = list(accumulate(widths[:-1], initial=0))
+        self.columns = np.concatenate([*columns, library.trim])
+        self.centre = np.concatenate([*centres, np.zeros(len(library.trim))])
         self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(
             np.arange(len(widths)), widths
         )
@@ -498,25 +485,23 @@ def _with_errors_of_form(effect: Effect) -> list[int]:
     """Coefficients whose contribution may have another form than its equation says."""
     if effect.search.exact or effect.mixing is not None:
         return []
-    return [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
+    return [i for i, c in enumerate(effect.coefficients) if c.name in effect.main_names]
 
 
 def _late_rotors(record: Record) -> Array:
     """Lift (n, 6) by rotor speeds that are late by a standard deviation."""
     out = np.zeros((len(record.valid), 6))
     change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
-    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(
-        change
-    )  # none beside a gap: that is no change of lift
+    # None beside a gap: that is no change of lift.
+    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(change)
     return out
 
 
 def _late_velocity(record: Record) -> Array:
     """What the usual drag misses (n, 6) where the velocity is late by a standard deviation."""
     out = np.zeros((len(record.valid), 6))
-    drag = (
-        USUAL_DRAG * record.context.mass_flow.sum(axis=-1)[:, None] * record.context.velocity[:, :2]
-    )
+    mass_flow = record.context.mass_flow.sum(axis=-1)[:, None]
+    drag = USUAL_DRAG * mass_flow * record.context.velocity[:, :2]
     out[:, :2] = CLOCK_SD_S * np.nan_to_num(np.gradient(drag, record.step_s, axis=0))
     return out
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
 from models.effects import Effect
 from replay.search.evidence import Evidence, Fit, in_order
@@ -60,10 +61,10 @@ class Walked:
     """What was not tried, because it would have taken too long."""
 
     def without(self, key: Key) -> Walked:
-        """The best set less one term, weighed anew."""
+        """The best set less one term, which makes held-out time worse, weighed anew."""
         sets = Sets(self.evidence, dict(self.fits))
         less = sets.weigh([t for t in self.best.terms if t.key != key], self.best)
-        return replace(self, fits=sets.fits, best=less)
+        return replace(self, fits=sets.fits, best=less, worse=self.worse | {key[0]})
 
     def at_most(self, best: Fit) -> Walked:
         """With this set as the best, and without those that are likelier."""
@@ -74,19 +75,17 @@ class Walked:
 
     def ranked(self) -> list[Fit]:
         """Likeliest first."""
-        return sorted(
-            self.fits.values(), key=lambda f: (-round(f.score, 6), str(sorted(map(str, f.key))))
-        )
+        return sorted(self.fits.values(), key=_rank)
 
     def weighted(self) -> list[tuple[Fit, float]]:
         """Sets with their probability exp(score) / sum of exp(score), those of some weight."""
         top = max(f.score for f in self.fits.values())
         total = sum(float(np.exp(f.score - top)) for f in self.fits.values())
-        return [
-            (f, float(np.exp(f.score - top)) / total)
-            for f in self.ranked()
-            if f.score > top - NEGLIGIBLE
-        ]
+        out = []
+        for fit in self.ranked():
+            if fit.score > top - NEGLIGIBLE:
+                out.append((fit, float(np.exp(fit.score - top)) / total))
+        return out
 
     def probability(self, name: str, aliases: Sequence[str]) -> float:
         """That the effect, or one that stands in its place, acts: the sum over the sets that hold one of them.
@@ -95,22 +94,19 @@ class Walked:
         """
         effect = next((t.effect for t in self.best.terms if t.name == name), None)
         if effect is not None and effect.search.remainder:
-            return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
-        wanted = {name, *aliases}
-        p = sum(w for f, w in self.weighted() if wanted & f.effects)
+            p = float(expit(self.map_log_odds))
+        else:
+            wanted = {name, *aliases}
+            p = sum(weight for fit, weight in self.weighted() if wanted & fit.effects)
         return round(min(p, SURE), 3)
 
     def why_not(self, name: str) -> str:
         """Why an effect is not in the answer."""
         if name in self.worse:
             return "it makes the error on held-out time larger"
-        with_it = []
-        for f in self.ranked():
-            if name in {t.name for t in f.terms}:
-                with_it.append(f)
-        if not with_it:
+        fit = next((f for f in self.ranked() if name in f.effects), None)
+        if fit is None:
             return "no better than chance"
-        fit = with_it[0]
         if fit.worth < -1.0:
             return "too small beside the other effects"
         if fit.evidence < self.best.evidence + 1.0:
@@ -167,6 +163,11 @@ def class_of(
     return tuple((one, round(min(likely[one], SURE), 3)) for one in ranked)
 
 
+def _rank(fit: Fit) -> tuple[float, str]:
+    """Likeliest first, then by name."""
+    return -round(fit.score, 6), str(sorted(map(str, fit.key)))
+
+
 def canonical(fits: list[Fit]) -> Fit:
     """Of the best set and others that are nearly as likely: the fewest terms, then the likeliest, then by name.
 
@@ -175,9 +176,8 @@ def canonical(fits: list[Fit]) -> Fit:
     """
     best = max(fits, key=lambda f: f.score)
     near = [f for f in fits if f.score >= best.score - MARGIN]
-    least = min(
-        near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms))
-    )
+    near.sort(key=lambda f: [t.name for t in f.terms])
+    least = min(near, key=lambda f: (len(f.terms), -round(f.score)))
     if least.key < best.key and least.score < best.score - NAMED:
         return best
     return least

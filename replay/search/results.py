@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -12,12 +13,12 @@ from models.effects import Effect, get
 from models.effects.adopted_effect import UNTIL_S
 from replay.search.again import with_others
 from replay.search.channel import hundredths
-from replay.search.estimates import IntervalEstimate, shape_estimates, sizes
+from replay.search.estimates import IntervalEstimate, Sizes, shape_estimates, sizes
 from replay.search.evidence import Fit
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.posterior import Walked, aliases, class_of
 from replay.search.regimes import LEAST_S, regimes
-from replay.search.significance import top
+from replay.search.significance import tops_of_columns
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
 from replay.search.thresholds import (
@@ -83,8 +84,7 @@ class Found:
     @property
     def sized(self) -> bool:
         """Whether one of the coefficients that make the effect is determined."""
-        main = {c.name for c in self.effect.coefficients if self.effect.is_main(c)}
-        return any(e.determined for e in self.fitted if e.name in main)
+        return any(e.determined for e in self.fitted if e.name in self.effect.main_names)
 
     @property
     def ended(self) -> bool:
@@ -153,16 +153,15 @@ def summarise(walked: Walked) -> Searched:
     bare, _ = _helpful(with_others(_predictive(walked)))
     others = aliases(bare)
     walked, fits, without = _acting(with_surface_law(bare))
-    chosen = [t for t in walked.best.terms if t.effect is not None]
     groups: dict[tuple[str, int], list[Term]] = {}
-    for t in chosen:
+    for t in walked.best.of_effects:
         groups.setdefault((t.name, t.instance), []).append(t)
     found = _at_most_all([_found(walked, own, fits, others, without) for own in groups.values()])
     found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
     return Searched(
         traces=tuple(fits),
         found=tuple(found),
-        rejected=_rejected(walked, {t.name for t in chosen}),
+        rejected=_rejected(walked, walked.best.effects),
         visible=visible(walked),
         left_out=walked.left_out,
     )
@@ -170,11 +169,10 @@ def summarise(walked: Walked) -> Searched:
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
     """A map of surfaces and the laws that it corrects: only their sum is known well."""
-    out = set()
+    out: set[str] = set()
     for effect in effects:
         if effect.search.remainder:
-            for name in (effect.name, *effect.aliases):
-                out.add(name)
+            out.update((effect.name, *effect.aliases))
     return out
 
 
@@ -214,22 +212,24 @@ def _judged(fits: Sequence[FlightFit]) -> list[int]:
 
 def _left(fits: Sequence[FlightFit]) -> float:
     """Energy of held-out time beside a set; of an axis that it makes worse, as without it: it will not act there."""
-    total = 0.0
-    for axis in _judged(fits):
-        before = sum(f.energy(f.before, [axis]) for f in fits)
-        after = sum(f.energy(f.after, [axis]) for f in fits)
-        total += min(before, after)
-    return total
+    return sum(min(_energies(fits, [axis])) for axis in _judged(fits))
+
+
+def _energies(fits: Sequence[FlightFit], axes: Sequence[int] | None) -> tuple[float, float]:
+    """Of held-out time, of all or of some axes, without and with all effects."""
+    before = sum(f.energy(f.before, axes) for f in fits)
+    after = sum(f.energy(f.after, axes) for f in fits)
+    return before, after
 
 
 def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     """The best set without the effects that raise the error of held-out time, and every flight under it."""
     fits = flight_fits(walked.evidence, walked.best)
-    gains = {t.key: _share(fits, t.key) for t in walked.best.terms if t.effect is not None}
+    gains = {t.key: _share(fits, t.key) for t in walked.best.of_effects}
     worst = min(gains, key=lambda key: gains[key], default=None)
     if worst is None or gains[worst] > -WORSE_SHARE:
         return walked, fits
-    return _helpful(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
+    return _helpful(walked.without(worst))
 
 
 def _acting(
@@ -240,7 +240,7 @@ def _acting(
     What acts on none of the axes that it carries is no name: the set is weighed again without it.
     """
     walked, whole = _helpful(walked)
-    terms = [t for t in walked.best.terms if t.effect is not None]
+    terms = walked.best.of_effects
     joint = corrected_together(t.named for t in terms)
     fits, without = _by_axis(whole, [t.key for t in terms if t.name not in joint])
     together = [t.key for t in terms if t.name in joint]
@@ -253,7 +253,7 @@ def _acting(
     if not idle:
         return walked, fits, without
     worst = min(idle, key=lambda key: (_share(whole, key), str(key)))
-    return _acting(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
+    return _acting(walked.without(worst))
 
 
 def _without(fit: FlightFit, keys: Sequence[Key], axis: int) -> FlightFit:
@@ -266,11 +266,10 @@ def _without(fit: FlightFit, keys: Sequence[Key], axis: int) -> FlightFit:
 
 def _carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
     """Axes on which an effect clearly acts."""
-    out = set()
+    out: set[str] = set()
     for f in fits:
         if key in f.effects:
-            for axis in f.effects[key].axes:
-                out.add(axis)
+            out.update(f.effects[key].axes)
     return out
 
 
@@ -281,8 +280,7 @@ def _worse_axes(fits: Sequence[FlightFit]) -> list[int]:
 
 def _raised(fits: Sequence[FlightFit], axis: int) -> float:
     """Share by which all effects together raise the energy of held-out time on an axis."""
-    before = sum(f.energy(f.before, [axis]) for f in fits)
-    after = sum(f.energy(f.after, [axis]) for f in fits)
+    before, after = _energies(fits, [axis])
     return (after - before) / max(before, 1e-12)
 
 
@@ -297,18 +295,15 @@ def _by_axis(
     fits = list(fits)
     without: dict[Key, tuple[str, ...]] = {}
     while True:
-        gains = {
-            (key, axis): _share(fits, key, [axis])
-            for axis in _judged(fits)
-            for key in keys
-            if AXES[axis] not in without.get(key, ())
-        }
         worse = _worse_axes(fits)
-        harmful = {
-            (key, axis): gain
-            for (key, axis), gain in gains.items()
-            if gain < -WORSE_SHARE or (axis in worse and _acts_on(fits, key, axis))
-        }
+        harmful: dict[tuple[Key, int], float] = {}
+        for key, axis in product(keys, _judged(fits)):
+            if AXES[axis] in without.get(key, ()):
+                continue
+            gain = _share(fits, key, [axis])
+            harms_beside = axis in worse and _acts_on(fits, key, axis)
+            if gain < -WORSE_SHARE or harms_beside:
+                harmful[key, axis] = gain
         if not harmful:
             return fits, without
         key, axis = min(harmful, key=lambda pair: (harmful[pair], str(pair)))
@@ -322,8 +317,8 @@ def _acts_on(fits: Sequence[FlightFit], key: Key, axis: int) -> bool:
 
 def _share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = None) -> float:
     """Share of the energy of held-out time, of all or of some axes, that one effect removes beside the others."""
-    before = max(sum(f.energy(f.before, axes) for f in fits), 1e-12)
-    return round(sum(f.gain(key, axes) for f in fits) / before, 9)
+    before, _ = _energies(fits, axes)
+    return round(sum(f.gain(key, axes) for f in fits) / max(before, 1e-12), 9)
 
 
 def _found(
@@ -336,34 +331,36 @@ def _found(
     """One effect; where every flight has a term of its own, its numbers are those of the one that explains most."""
     shares = {t.key: _share(fits, t.key) for t in terms}
     term = max(terms, key=lambda t: (shares[t.key], -_shown_by(t, fits)))
-    carried = set()
-    for f in fits:
-        if term.key in f.effects:
-            for axis in f.effects[term.key].axes:
-                carried.add(axis)
     instead = tuple(others.get(term.key, ()))
     flight = _shown_by(term, fits)
-    acts = {f.index: (t, f) for t in terms for f in fits if t.key in f.effects}
-    shapes = {t.key: shape_estimates(walked, t, sorted(t.places)) for t in terms}
-    on = {i: sizes(walked, t, f, shapes[t.key]) for i, (t, f) in acts.items()}
-    main = {c.name for c in term.named.coefficients if term.named.is_main(c)}
-    sign = max((e.sign_probability for e in on[flight].fitted if e.name in main), default=1.0)
+    of_flight: dict[int, dict[str, float]] = {}
+    sized: dict[int, Sizes] = {}
+    small = True
+    for t in terms:
+        shapes = shape_estimates(walked, t, sorted(t.places))
+        for f in (fit for fit in fits if t.key in fit.effects):
+            of_flight[f.index] = f.effects[t.key].parameters
+            sized[f.index] = sizes(walked, t, f, shapes)
+            small = small and _small(f, t.key)
+    fitted = sized[flight].fitted
+    main = [e for e in fitted if e.name in term.named.main_names]
+    sign = max((e.sign_probability for e in main), default=1.0)
     members = class_of(walked, term.named, instead)
-    keys = {t.key for t in terms}
+    carried = _carried(fits, term.key)
     return Found(
         effect=term.named,
-        fitted=on[flight].fitted,
-        estimates=on[flight].said,
+        fitted=fitted,
+        estimates=sized[flight].said,
         axes=tuple(a for a in AXES if a in carried),
         explains=sum(shares.values()),
         probability=round(min(walked.probability(term.name, instead), sign), 3),
         aliases=instead,
         flight=flight,
         without=without.get(term.key, ()),
-        confirmed_by=tuple(f.index for f in fits if not keys.isdisjoint(f.confirms)),
-        of_flight={i: f.effects[t.key].parameters for i, (t, f) in acts.items()},
-        said_of_flight={i: one.said for i, one in on.items()},
-        small=all(_small(f, t.key) for t, f in acts.values()),
+        confirmed_by=tuple(f.index for f in fits if not f.confirms.isdisjoint(shares)),
+        of_flight=of_flight,
+        said_of_flight={i: size.said for i, size in sized.items()},
+        small=small,
         members=members,
         push=_push(fits[flight], term.key) if members else "",
     )
@@ -372,14 +369,12 @@ def _found(
 def _small(fit: FlightFit, key: Key) -> bool:
     """Whether an effect removes less than ``SMALL`` of the energy of every part of a flight."""
     removed = fit.after + fit.effects[key].held_out
-    parts = [
-        mask for mask in regimes(fit.record).values() if mask.sum() * fit.record.step_s >= LEAST_S
-    ]
-    for mask in (fit.record.valid, *parts):
-        before, after, without = (
-            fit.energy(x * mask[:, None]) for x in (fit.before, fit.after, removed)
-        )
-        if without - after >= SMALL * before:
+    step_s = fit.record.step_s
+    lasting = [mask for mask in regimes(fit.record).values() if mask.sum() * step_s >= LEAST_S]
+    for mask in (fit.record.valid, *lasting):
+        within = mask[:, None]
+        gain = fit.energy(removed * within) - fit.energy(fit.after * within)
+        if gain >= SMALL * fit.energy(fit.before * within):
             return False
     return True
 
@@ -436,7 +431,5 @@ def _excited(walked: Walked, term: Term) -> bool:
     known = error < LEARNT / np.sqrt(TRUST)
     unit = np.zeros(len(term.columns))
     for channel in evidence.library.channels:
-        for i, at in enumerate(channel.where[term.columns]):
-            if at >= 0:
-                unit[i] = max(unit[i], float(top(channel.rows[at], channel.count)) / channel.limit)
+        unit = np.maximum(unit, tops_of_columns(channel, term))
     return bool((known & (term.main > 0) & (error * unit < 1.0)).any())

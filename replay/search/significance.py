@@ -57,9 +57,8 @@ class Contributions:
     def _by_main(self, *, within_bounds: bool) -> list[Array]:
         acting = self._b.copy()
         design = self.design
-        for term, part in zip(
-            design.terms, map(slice, design.edges, design.edges[1:]), strict=True
-        ):
+        parts = map(slice, design.edges, design.edges[1:])
+        for term, part in zip(design.terms, parts, strict=True):
             if within_bounds:
                 acting[part] = np.clip(acting[part], term.low, term.high)
             if (term.main == 0.0).any():
@@ -81,9 +80,8 @@ class Contributions:
         for i, number in enumerate(asked):
             term = design.terms[number]
             gone = design.edges[number] + np.flatnonzero((term.main > 0.0) | term.form)
-            taken = self._cov[:, gone] @ np.linalg.solve(
-                self._cov[np.ix_(gone, gone)], self._b[gone]
-            )
+            own = np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
+            taken = self._cov[:, gone] @ own
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
@@ -126,9 +124,9 @@ def cancelled(u: Contributions) -> float:
     for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
         together = whole.sum(axis=1)
         free = axes[0].count * (CANCEL_FREE * limits(axes)) ** 2
-        ratio = np.einsum("atn,atn->a", whole, whole) / (
-            np.einsum("an,an->a", together, together) + free
-        )
+        each = np.einsum("atn,atn->a", whole, whole)
+        all_together = np.einsum("an,an->a", together, together)
+        ratio = each / (all_together + free)
         several = np.count_nonzero(whole.any(axis=2), axis=1) > 1
         worst = max(worst, float(np.max(ratio, where=several, initial=0.0)))
     return float(np.sqrt(worst))
@@ -141,15 +139,13 @@ def standing(u: Contributions, parts: Sequence[Array], asked: Sequence[int]) -> 
     term does, F what the other terms may leave by their form, R the slow rest, O its minimum unique contribution.
     """
     sizes = tops(u, parts)
-    left = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
-    channels = u.design.library.channels
-    open_ = np.concatenate(
-        [slow_rms(rest, axes) for axes, rest in zip(u.design.library.flights, u.rest, strict=True)]
-    )
-    beside = (left.sum(axis=0) - left + open_**2)[asked]
+    library = u.design.library
+    form = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
+    slow = np.concatenate(list(map(slow_rms, u.rest, library.flights)))
+    beside = (form.sum(axis=0) - form + slow**2)[asked]
     large = np.minimum(sizes[asked] / np.sqrt(1.0 + beside), tops(u, u.own(asked)) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
-    force = np.array([c.axis < 3 for c in channels])
+    force = np.array([c.axis < 3 for c in library.channels])
     for row, number in zip(large, asked, strict=True):
         effect = u.design.terms[number].effect
         if effect is not None and effect.search.needs_moments:
@@ -170,9 +166,19 @@ def _errors_of_form(terms: Sequence[Term]) -> Array:
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
-    flights = zip(u.design.library.flights, parts, strict=True)
-    sizes = [top(part, axes[0].count) / limits(axes)[:, None] for axes, part in flights]
+    sizes = []
+    for axes, part in zip(u.design.library.flights, parts, strict=True):
+        sizes.append(top(part, axes[0].count) / limits(axes)[:, None])
     return np.concatenate(sizes).T
+
+
+def tops_of_columns(channel: ResidualChannel, term: Term) -> Array:
+    """The top of what every column of a term (k,) does to a channel, in hundredths of the weight."""
+    rows = channel.where[term.columns]
+    out = np.zeros(len(rows))
+    acting = rows >= 0
+    out[acting] = top(channel.rows[rows[acting]], channel.count) / channel.limit
+    return out
 
 
 def limits(axes: Sequence[ResidualChannel]) -> Array:
@@ -186,8 +192,10 @@ def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
     total = np.zeros((len(rest), rest.shape[1] + 1))
     np.cumsum(rest, axis=1, out=total[:, 1:])
     known = np.concatenate([[0], np.cumsum(axes[0].valid)])
-    mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
-    return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)) / limits(axes))
+    samples = np.maximum(known[width:] - known[:-width], 1)
+    mean = (total[:, width:] - total[:, :-width]) / samples
+    mean_square = (mean**2).sum(axis=1) / max(mean.shape[1], 1)
+    return np.asarray(np.sqrt(mean_square) / limits(axes))
 
 
 def top(x: Array, count: int) -> Array:
@@ -214,4 +222,6 @@ def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
     high = np.concatenate([t.high for t in terms])
     k = len(low)
     sd = np.sqrt(np.diag(cov)[:k])
-    return float(log_mass(low, high, b[:k], sd).sum()) - sum(t.log_within for t in terms)
+    posterior = float(log_mass(low, high, b[:k], sd).sum())
+    prior = sum(t.log_within for t in terms)
+    return posterior - prior

@@ -75,7 +75,8 @@ class Term:
     @cached_property
     def form(self) -> Mask:
         """(k,) whether a coefficient is a model-form error."""
-        return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
+        coefficients = np.concatenate([np.empty(0, np.int64), *self.places.values()])
+        return ~np.isin(self.columns, coefficients)
 
     def place(self, flight: int) -> Columns:
         """Which of its columns are the coefficients on a flight (k,)."""
@@ -102,10 +103,10 @@ def log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
     """Log of the probability of N(mean, sd) between low and high, element by element."""
     lo = np.maximum((low - mean) / sd, -1e8)
     hi = np.minimum((high - mean) / sd, 1e8)
+    # Logarithms are exact in the lower tail.
     flip = lo > 0.0
-    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
-    upper = log_ndtr(hi)
-    lower = log_ndtr(lo)
+    lower = log_ndtr(np.where(flip, -hi, lo))
+    upper = log_ndtr(np.where(flip, -lo, hi))
     return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
 
 
@@ -140,13 +141,12 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
     """
     valid = record.valid
-    size = np.sqrt(
-        (x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2
-    )
-    if valid.any():
-        top = float(np.quantile(size[valid], 0.99))
-    else:
-        top = 0.0
+    force = (x[:, :3] ** 2).sum(axis=1)
+    moment = (x[:, 3:] ** 2).sum(axis=1)
+    size = np.sqrt(force + moment / record.context.lever**2)
+    if not valid.any():
+        return []
+    top = float(np.quantile(size[valid], 0.99))
     if top < 1e-9 * record.context.weight:
         return []
     u = np.minimum(size / top, 1.0)
@@ -157,10 +157,12 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
         phi = u**power
         for known in basis:
             phi = phi - known * float((energy * phi * known).sum() / (energy * known**2).sum())
-        if float((energy * phi**2).sum()) < (FORM_LEAST**2) * float(energy.sum()):
+        of_phi = float((energy * phi**2).sum())
+        whole = float(energy.sum())
+        if of_phi < FORM_LEAST**2 * whole:
             break
         basis.append(phi)
-        spread = float(np.sqrt((energy * phi**2).sum() / energy.sum()))
+        spread = float(np.sqrt(of_phi / whole))
         out.append(x * (FORM_PRIOR * phi / spread)[:, None])
     return out
 
@@ -178,7 +180,7 @@ def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[floa
         exponents.append(-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical))
     kind = np.array(kinds)
     weight = np.exp(exponents)
-    for part in (kind, ~kind):
-        if part.any():
-            weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()
-    return [float(v) for v in np.log(weight)]
+    parts = [part for part in (kind, ~kind) if part.any()]
+    for part in parts:
+        weight[part] *= 1.0 / len(parts) / weight[part].sum()
+    return list(map(float, np.log(weight)))

@@ -20,7 +20,7 @@ import numpy as np
 from models.common.frames import AXES, Array
 from models.effects import Coefficient, Context
 from replay.search.posterior import Walked
-from replay.search.significance import top
+from replay.search.significance import tops_of_columns
 from replay.search.terms import Term
 from replay.search.thresholds import NAMED, OWN, TRUST
 
@@ -47,7 +47,7 @@ def visible(walked: Walked) -> tuple[Visible, ...]:
     Of an effect with several coefficients it is the one that would have shown soonest, in the shape that would. Effects
     that the flights cannot show are left out: ``Library.lacking`` says why.
     """
-    named = {term.name for term in walked.best.terms}
+    named = walked.best.effects
     by_name: dict[str, list[Term]] = {}
     for term in walked.evidence.library.terms:
         if term.effect is None or term.effect.search.remainder:
@@ -110,7 +110,8 @@ def _least_sizes(walked: Walked, term: Term) -> Array:
     place = term.place(min(term.places))
     sd = np.sqrt(np.diag(fit.cov[part, part]))[place]
     odds = (NAMED - term.log_odds) / TRUST
-    z = np.sqrt(np.maximum(2.0 * odds - 2.0 * np.log(np.minimum(sd, 1.0)), 0.0))
+    log_sd = np.log(np.minimum(sd, 1.0))
+    z = np.sqrt(np.maximum(2.0 * odds - 2.0 * log_sd, 0.0))
     by_evidence = (z + _ONE_SIDED) * sd
     by_weight = _for_a_hundredth(walked, term)[place]
     main = term.main[place] > 0.0
@@ -123,10 +124,9 @@ def _for_a_hundredth(walked: Walked, term: Term) -> Array:
     for channel in walked.evidence.library.channels:
         if term.named.search.needs_moments and channel.axis < 3:
             continue
-        for i, at in enumerate(channel.where[term.columns]):
-            if at >= 0:
-                share = float(top(channel.rows[at], channel.count)) / channel.limit
-                out[i] = min(out[i], max(_NAMED_SIZE, OWN) / max(share, 1e-12))
+        share = tops_of_columns(channel, term)
+        size = max(_NAMED_SIZE, OWN) / np.maximum(share, 1e-12)
+        out = np.minimum(out, np.where(channel.where[term.columns] >= 0, size, np.inf))
     return out
 
 

@@ -113,9 +113,11 @@ def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
                     grown[new.key] = new
         if not grown:
             break
-        top = sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]
-        polished = (lighter(sets, _sharpened(sets, _reshaped(sets, fit))) for fit in top)
-        beam = list({f.key: f for f in polished}.values())
+        polished: dict[frozenset[Key], Fit] = {}
+        for fit in sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]:
+            light = lighter(sets, _sharpened(sets, _reshaped(sets, fit)))
+            polished[light.key] = light
+        beam = list(polished.values())
 
 
 def additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
@@ -125,20 +127,15 @@ def additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
     """
     evidence = sets.evidence
     taken = {t.key for t in fit.terms}
-    inside = set()
-    for t in fit.terms:
-        if t.effect is not None:
-            for name in t.effect.contains:
-                inside.add(name)
-    names = {t.name for t in fit.terms}
-    terms = evidence.library.terms
-    rivals = [
-        i
-        for i, t in enumerate(terms)
-        if t.key not in taken
-        and t.name not in inside
-        and (t.effect is None or not names & set(t.effect.contains))
-    ]
+    inside: set[str] = set()
+    for t in fit.of_effects:
+        inside.update(t.named.contains)
+    rivals = []
+    names = fit.effects
+    for i, t in enumerate(evidence.library.terms):
+        holds_one = t.effect is not None and not names.isdisjoint(t.effect.contains)
+        if t.key not in taken and t.name not in inside and not holds_one:
+            rivals.append(i)
     out: list[Term] = []
     for noise in dict.fromkeys((fit.noise, evidence.quiet)):
         if noise is fit.noise:
@@ -160,11 +157,12 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = sets.evidence
-    if len(evidence.library.numbers_of[term.key]) == 1:
+    numbers = evidence.library.numbers_of[term.key]
+    if len(numbers) == 1:
         return new
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
     likely: dict[Term, float] = {}
-    for i in evidence.library.numbers_of[term.key]:
+    for i in numbers:
         other = evidence.library.terms[i]
         likely[other] = TRUST * float(screened[i]) + other.prior
     odds: dict[Term, float] = {}
@@ -185,15 +183,16 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Every member's best shape beside the others."""
     evidence = sets.evidence
     for term in (t for t in fit.terms if only in (None, t.key)):
-        terms = evidence.library.terms
-        rivals = evidence.library.numbers_of[term.key]
-        if len(rivals) < 2 or term not in fit.terms:
+        numbers = evidence.library.numbers_of[term.key]
+        if len(numbers) < 2 or term not in fit.terms:
             continue
-        others = [t for t in fit.terms if t is not term]
+        others = fit.beside(term)
         screened = evidence.screen(evidence.refit(others, fit.noise), term.key)
-        rival = terms[
-            max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))
-        ]
+        odds: dict[Term, float] = {}
+        for i in numbers:
+            other = evidence.library.terms[i]
+            odds[other] = round(TRUST * float(screened[i]) + other.log_shape, 6)
+        rival = max(odds, key=lambda t: odds[t])
         if rival is not term:
             new = sets.weigh([*others, rival], fit)
             if new.score > fit.score:
@@ -203,17 +202,11 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
 
 def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Shapes between the points of the grid."""
-    for done in range(
-        max((t.effect.search.halvings for t in fit.terms if t.effect is not None), default=0)
-    ):
+    halvings = {t.key: t.named.search.halvings for t in fit.of_effects if only in (None, t.key)}
+    for done in range(max(halvings.values(), default=0)):
         for term in fit.terms:
-            if (
-                (only is not None and term.key != only)
-                or term.effect is None
-                or term.effect.search.halvings <= done
-            ):
-                continue
-            if term in fit.terms and sets.evidence.library.finer(term, 0.5):
+            wanted = halvings.get(term.key, 0) > done
+            if wanted and term in fit.terms and sets.evidence.library.finer(term, 0.5):
                 fit = _reshaped(sets, fit, only=term.key)
     return fit
 
@@ -221,8 +214,8 @@ def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
 def lighter(sets: Sets, fit: Fit) -> Fit:
     """Less whatever the others do without."""
     for term in fit.terms:
-        if term in fit.terms and len(fit.terms) > 1:
-            new = sets.weigh([t for t in fit.terms if t.key != term.key], fit)
+        if len(fit.terms) > 1:
+            new = sets.weigh(fit.beside(term), fit)
             if new.promise > fit.promise:
                 return lighter(sets, new)
     return fit
@@ -235,7 +228,7 @@ def _settled(sets: Sets, fit: Fit, account: Account) -> Fit:
         for term in fit.terms:
             if not account.lasts(SETTLING, "one effect in place of another"):
                 return best
-            less = sets.weigh([t for t in fit.terms if t is not term], fit)
+            less = sets.weigh(fit.beside(term), fit)
             tried = [less, *(_with(sets, less, other) for other in additions(sets, less, 4))]
             best = max([best, *tried], key=lambda f: f.score)
         grown = [_with(sets, fit, other) for other in additions(sets, fit, TRIED)]

@@ -104,7 +104,9 @@ def curve(effect: Effect, ctx: Context) -> tuple[str, str, Array, Array]:
     """Labels of both axes, the quantity and the force or moment, on the axis where it is largest."""
     shapes = list(effect.shape_grid(ctx)) or [()]
     shape = shapes[len(shapes) // 2]
-    size = np.array([c.mean(ctx) + c.spread(ctx) * effect.is_main(c) for c in effect.coefficients])
+    size = np.array(
+        [c.mean(ctx) + c.spread(ctx) * (c.name in effect.main_names) for c in effect.coefficients]
+    )
     if effect.search.remainder:
         size = np.where([c.name.endswith("_of_model") for c in effect.coefficients], -0.3, 0.0)
     wrench = np.nan_to_num(effect.regressors(ctx, shape)) @ size
