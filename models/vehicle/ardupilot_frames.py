@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from models.vehicle.motor_layouts import LAYOUTS
+
 QUAD = 1
 HEXA = 2
 OCTA = 3
@@ -22,27 +24,11 @@ _SCRIPTED = (15, 17)
 """Their motors are placed by a script on the vehicle."""
 COUNT_OF_CLASS = {QUAD: 4, HEXA: 6, OCTA: 8, OCTAQUAD: 8, Y6: 6, TRI: 3, DODECAHEXA: 12, DECA: 10}
 
-_TYPES: dict[int, dict[int, str]] = {
-    QUAD: {
-        0: "quad-plus", 1: "quad-x", 2: "quad-v", 3: "quad-h", 4: "quad-vtail", 5: "quad-atail",
-        6: "quad-plus-reversed", 12: "quad-bf", 13: "quad-dji", 14: "quad-clockwise",
-        16: "quad-plus-no-yaw-torque", 17: "quad-x-no-yaw-torque", 18: "quad-bf-reversed", 19: "quad-y4",
-    },
-    HEXA: {0: "hexa-plus", 1: "hexa-x", 3: "hexa-h", 13: "hexa-dji", 14: "hexa-clockwise"},
-    OCTA: {
-        0: "octo-plus", 1: "octo-x", 2: "octo-v", 3: "octo-h", 13: "octo-dji", 14: "octo-clockwise", 15: "octo-i",
-    },
-    OCTAQUAD: {
-        0: "octaquad-plus", 1: "octaquad-x", 2: "octaquad-v", 3: "octaquad-h", 12: "octaquad-bf",
-        14: "octaquad-clockwise", 18: "octaquad-bf-reversed", 20: "octaquad-x-corotating",
-        21: "octaquad-clockwise-corotating",
-    },
-    Y6: {10: "y6b", 11: "y6f"},
-    TRI: {6: "tri-reversed"},
-    DODECAHEXA: {0: "dodecahexa-plus", 1: "dodecahexa-x"},
-    DECA: {0: "deca-plus", 1: "deca-x", 14: "deca-x"},
-}  # fmt: skip
-"""FRAME_CLASS to FRAME_TYPE to name."""
+_TYPES: dict[tuple[int, int], str] = {}
+"""FRAME_CLASS and FRAME_TYPE to name."""
+for _frame, _layout in LAYOUTS.items():
+    for _type in _layout.get("ardupilot_types", ()):
+        _TYPES[_layout["ardupilot_class"], _type] = _frame
 _ANY_OTHER_TYPE = {Y6: "y6", TRI: "tri"}
 """These classes take every other FRAME_TYPE as this frame."""
 
@@ -99,8 +85,7 @@ def ardupilot_frame(parameters: Mapping[str, float]) -> str | None:
 
 
 def _named(frame_class: int, frame_type: int) -> str | None:
-    types = _TYPES.get(frame_class, {})
-    return types.get(frame_type, _ANY_OTHER_TYPE.get(frame_class))
+    return _TYPES.get((frame_class, frame_type), _ANY_OTHER_TYPE.get(frame_class))
 
 
 def said_by_class(parameters: Mapping[str, float]) -> SaidFrame | None:

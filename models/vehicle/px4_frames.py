@@ -11,15 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from models.vehicle.ardupilot_frames import SaidFrame
-from models.vehicle.motor_layouts import CCW, CW, FRAMES, Frame, Motor
+from models.vehicle.motor_layouts import CCW, CW, FRAMES, LAYOUTS, Frame, Motor
 
-_AUTOSTART = {
-    4001: "quad-x", 4010: "quad-x", 4011: "quad-x", 4012: "quad-x", 4014: "quad-x", 4015: "quad-x", 4050: "quad-x",
-    4040: "quad-h", 4900: "quad-clockwise", 5001: "quad-plus", 6001: "hexa-x", 7001: "hexa-plus", 8001: "octo-x",
-    9001: "octo-plus", 10015: "quad-wide", 10016: "quad-wide", 10017: "quad-wide", 10018: "quad-wide",
-    10019: "quad-deadcat", 11001: "y6b", 12001: "octaquad-x", 14001: "px4-tri", 14002: "px4-tri",
-    1001: "quad-x", 1003: "quad-plus",
-}  # fmt: skip
+_AUTOSTART: dict[int, str] = {}
+"""Airframe number to name."""
+for _frame, _layout in LAYOUTS.items():
+    _AUTOSTART |= dict.fromkeys(_layout.get("px4_airframes", ()), _frame)
 _COUNT_OF_RANGE = {4: 4, 5: 4, 6: 6, 7: 6, 8: 8, 9: 8, 10: 4, 11: 6, 12: 8, 14: 3, 24: 12}
 """Thousands of SYS_AUTOSTART to motors, by the list in ``rc.autostart``."""
 _UPRIGHT = 0.9

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,11 +75,9 @@ class Diagnosis(Searched):
 
     def numbers_of(self, found: Found) -> tuple[IntervalEstimate, ...]:
         """The parameters of an effect as they are said; of what may begin, only times at which it does."""
+        said = list(found.estimates)
         if found.effect.search.may_begin:
-            always = {FROM_S, UNTIL_S}
-        else:
-            always = set()
-        said = [e for e in found.estimates if e.value or e.name not in always]
+            said = [e for e in said if e.value or e.name not in (FROM_S, UNTIL_S)]
         return in_shares(said, self.vehicle)
 
     @property
@@ -141,19 +139,15 @@ class Diagnosis(Searched):
         return tuple(out)
 
     def _as_found(self, found: Found) -> AdoptedEffect:
+        parameters = found.parameters
         coverage = found.effect.in_flight.coverage
-        seen: Mapping[str, float]
-        if coverage is None:
-            seen = {}
-        else:
-            seen = coverage([r.context for r in self.records])
+        if coverage is not None:
+            parameters |= coverage([r.context for r in self.records])
+        adopted = AdoptedEffect(found.effect.name, parameters, found.without)
         # A map is of the model's own answer, which has no axes of the body.
-        without: tuple[str, ...]
         if found.effect.search.remainder:
-            without = ()
-        else:
-            without = found.without
-        return AdoptedEffect(found.effect.name, found.parameters | dict(seen), without)
+            return replace(adopted, without=())
+        return adopted
 
     @property
     def aliases(self) -> list[list[str]]:
@@ -162,9 +156,17 @@ class Diagnosis(Searched):
 
     def as_json(self, model: str | None) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
-        before = self._said_rms(after=False)
-        after = self._said_rms(after=True)
-        judged = [i for i in range(6) if np.isfinite(before[i])]
+        axes = self._axes_json()
+        outside = []
+        regimes = []
+        for t in self.traces:
+            outside += _of_log(t.record, [_outside(o, self) for o in t.outside])
+            regimes += _of_log(t.record, self.regimes(t))
+        delays = []
+        excluded = []
+        for r in self.records:
+            delays += _of_log(r, map(asdict, r.delays))
+            excluded += _of_log(r, map(asdict, r.excluded))
         content: dict[str, Any] = rounded(
             {
                 "logs": list(dict.fromkeys(str(r.path) for r in self.records)),
@@ -173,56 +175,43 @@ class Diagnosis(Searched):
                 "samples": int(sum(r.valid.sum() for r in self.records)),
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
-                "axes": {
-                    AXES[i]: {
-                        "rms_before": before[i],
-                        "rms_after": after[i],
-                        "unit": self.unit(i)[1],
-                    }
-                    | _of_weight([before[i], after[i]], self.unit(i)[1])
-                    for i in judged
-                },
+                "axes": axes,
                 "effects": [
                     *(loss_json(fault) for fault in self.motor_losses),
                     *(_effect(f, self) for f in self.found),
                 ],
                 "aliases": self.aliases,
                 "unexplained": {
-                    "rms": {AXES[i]: after[i] for i in judged},
+                    "rms": {axis: error["rms_after"] for axis, error in axes.items()},
                     "channels": [
                         {"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels
                     ],
                 },
-                "outside": [
-                    {"log": t.record.name, **_outside(o, self)}
-                    for t in self.traces
-                    for o in t.outside
-                ],
-                "regimes": [
-                    {"log": t.record.name, **r} for t in self.traces for r in self.regimes(t)
-                ],
+                "outside": outside,
+                "regimes": regimes,
                 "log_faults": [f.as_json() for f in self.faults],
                 "model": model,
-                "could_have_seen": [
-                    {
-                        "what": v.what,
-                        "axes": v.axes,
-                        "least": v.least,
-                        "unit": v.unit,
-                        "parameter": v.coefficient,
-                    }
-                    for v in self.could_have_seen
-                ],
+                "could_have_seen": [_visible(v) for v in self.could_have_seen],
                 "left_out": self.left_out,
                 "rejected": [asdict(r) for r in self.rejected],
-                "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
-                "excluded": [
-                    {"log": r.name, **asdict(e)} for r in self.records for e in r.excluded
-                ],
+                "delays": delays,
+                "excluded": excluded,
                 "notes": self.notes,
             }
         )
         return content
+
+    def _axes_json(self) -> dict[str, dict[str, Any]]:
+        """Error of every judged axis."""
+        before = self._said_rms(after=False)
+        after = self._said_rms(after=True)
+        out = {}
+        for i, axis in enumerate(AXES):
+            if np.isfinite(before[i]):
+                _, unit = self.unit(i)
+                rms = {"rms_before": before[i], "rms_after": after[i], "unit": unit}
+                out[axis] = rms | _of_weight([before[i], after[i]], unit)
+        return out
 
     def _identity(self) -> dict[str, str]:
         """Which vehicle flew, by the first log that says it."""
@@ -238,16 +227,17 @@ class Diagnosis(Searched):
         seconds = sum(r.seconds for r in self.records)
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
         lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults if not f.loss]
-        lines += [text for fault in self.motor_losses for text in loss_text(fault)]
-        lines += [
-            f"  {AXES[i]:3s} {size_text(before[i]):>8s} -> {size_text(after[i]):>8s} "
-            f"{unit_words(self.unit(i)[1])}"
-            for i in range(6)
-            if np.isfinite(before[i])
-        ]
-        lines += [text for f in self.found for text in _effect_text(f, self)]
+        for fault in self.motor_losses:
+            lines += loss_text(fault)
+        for i, axis in enumerate(AXES):
+            if np.isfinite(before[i]):
+                sizes = f"{size_text(before[i]):>8s} -> {size_text(after[i]):>8s}"
+                lines.append(f"  {axis:3s} {sizes} {unit_words(self.unit(i)[1])}")
+        for f in self.found:
+            lines += _effect_text(f, self)
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
-        lines += [f"  {self.outside_words(o)}" for t in self.traces for o in t.outside]
+        for t in self.traces:
+            lines += [f"  {self.outside_words(o)}" for o in t.outside]
         lines += self._judged()
         notes = [*self.notes, *self._read_from()]
         return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
@@ -279,14 +269,10 @@ class Diagnosis(Searched):
 
     def _judged(self) -> list[str]:
         """Which axes were judged, and from which size on what was not found would have been."""
-        axes = [
-            name for name, rms in zip(AXES, self.rms(after=False), strict=True) if np.isfinite(rms)
-        ]
-        unjudged = [name for name in AXES if name not in axes]
-        lines = [
-            f"  judged: {', '.join(axes) or 'nothing'}; not judged: "
-            f"{', '.join(unjudged) or 'nothing'}"
-        ]
+        known = np.isfinite(self.rms(after=False))
+        judged = ", ".join(np.array(AXES)[known]) or "nothing"
+        unjudged = ", ".join(np.array(AXES)[~known]) or "nothing"
+        lines = [f"  judged: {judged}; not judged: {unjudged}"]
         seen = [f"{v.what} ({least_text(v)})" for v in self.could_have_seen]
         if seen:
             lines.append(f"  would have been named from this size on: {', '.join(seen)}")
@@ -294,10 +280,9 @@ class Diagnosis(Searched):
 
     def _read_from(self) -> list[str]:
         """A note for every quantity that a flight held several times."""
-        notes = []
+        notes: list[str] = []
         for r in self.records:
-            for note in source_notes(r.sources):
-                notes.append(f"{r.name}: {note}")
+            notes += [f"{r.name}: {note}" for note in source_notes(r.sources)]
         return list(dict.fromkeys(notes))
 
 
@@ -316,6 +301,11 @@ def rms_interval(residual: Array, step_s: float) -> tuple[float, float, float]:
     return float(np.sqrt(square.mean())), float(low), float(high)
 
 
+def _of_log(record: Record, entries: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Entries with the log that they are of."""
+    return [{"log": record.name, **entry} for entry in entries]
+
+
 def _of_weight(values: Sequence[float], unit: str) -> dict[str, list[float]]:
     """A second key for shares of the weight, under which older answers gave them."""
     if unit == "weight":
@@ -324,13 +314,27 @@ def _of_weight(values: Sequence[float], unit: str) -> dict[str, list[float]]:
 
 
 def _parameter(e: IntervalEstimate) -> dict[str, Any]:
-    return e.as_json() | (_of_weight([e.value], e.unit) if e.determined else {})
+    if not e.determined:
+        return e.as_json()
+    return e.as_json() | _of_weight([e.value], e.unit)
 
 
 def _outside(o: Outside, answer: Diagnosis) -> dict[str, Any]:
     factor, unit = answer.unit(AXES.index(o.axis))
     out = {"axes": [o.axis], "rms": o.rms * factor, "unit": unit, "intervals_s": o.intervals_s}
-    return out | ({"regime": o.regime} if o.regime else {})
+    if o.regime:
+        out["regime"] = o.regime
+    return out
+
+
+def _visible(v: Visible) -> dict[str, Any]:
+    return {
+        "what": v.what,
+        "axes": v.axes,
+        "least": v.least,
+        "unit": v.unit,
+        "parameter": v.coefficient,
+    }
 
 
 def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
@@ -368,24 +372,20 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
 
 def _values(estimates: Sequence[IntervalEstimate], answer: Diagnosis) -> dict[str, float | None]:
     """Parameters without intervals."""
-    said = in_shares(estimates, answer.vehicle)
-    out = {}
-    for e in said:
+    out: dict[str, float | None] = {}
+    for e in in_shares(estimates, answer.vehicle):
         out[e.name] = e.value if e.determined else None
     return out
 
 
 def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
-    if (
-        f.effect.mixing is not None and f.effect.shown.in_words is not None
-    ):  # too many numbers to read
-        numbers = f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
+    shown = f.effect.shown
+    # Of a mixture there are too many numbers to read.
+    if f.effect.mixing is not None and shown.in_words is not None:
+        numbers = shown.in_words(answer.records[f.flight].context, f.numbers)
     else:
         numbers = ", ".join(map(estimate_text, answer.numbers_of(f)))
-    if f.small:
-        small = ", small"
-    else:
-        small = ""
+    small = ", small" if f.small else ""
     names = [f.effect.name, *(name for name, _ in f.members if name != f.effect.name)]
     sure = f"{f.status}{small}, probability {f.probability:.2f}"
     if f.effect.in_flight.use is InFlight.WRENCH:

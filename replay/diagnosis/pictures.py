@@ -13,6 +13,7 @@ from models.effects.pictures import over_time
 from replay.diagnosis.answer import UNITS
 from replay.diagnosis.weights import scale
 from replay.diagnosis.words import AXIS_WORDS, channel_words
+from replay.search.channel import hundredths
 from replay.search.curves import CarryingChannel
 from replay.search.held_out import FlightFit
 from replay.search.remainder import INDEPENDENT_S
@@ -38,36 +39,40 @@ def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
     effect = found.effect
     record = t.record
     wrench = np.nan_to_num(effect.wrench(record.context, found.of_flight[found.flight]))
-    judged = [
-        a for a in record.axes if not effect.search.searched or AXES[a] in effect.search.searched
-    ]
-    wrench[:, np.setdiff1d(np.arange(6), judged)] = 0.0
-    size = np.sqrt((wrench[record.valid] ** 2).mean(axis=0)) / np.array(
-        [1.0] * 3 + [record.context.lever] * 3
-    )
-    if not size.any():
+    searched = effect.search.searched or AXES
+    for a, axis in enumerate(AXES):
+        if a not in record.axes or axis not in searched:
+            wrench[:, a] = 0.0
+    rms = np.sqrt((wrench[record.valid] ** 2).mean(axis=0))
+    if not rms.any():
         return ""
-    axis = AXES[int(np.argmax(size))]
+    strongest = int(np.argmax(rms / hundredths(record.context)))
+    axis = AXES[strongest]
     drawn = (effect.shown.drawn or over_time)(record.context, axis)
     good = record.valid & np.isfinite(drawn.values)
     if good.sum() < 5 * BINS or np.ptp(drawn.values[good]) < 1e-9:
         drawn = over_time(record.context, axis)
         good = record.valid
     x = drawn.values[good]
-    own, left = ((w * drawn.direction).sum(axis=1)[good] for w in (wrench, t.after))
+    own = (wrench * drawn.direction).sum(axis=1)[good]
+    left = (t.after * drawn.direction).sum(axis=1)[good]
     middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
     if effect.in_flight.use is InFlight.MEASUREMENT:
         fitted = "correction, as fitted"
     else:
         fitted = "the effect, as fitted"
-    factor, unit = scale(UNITS[AXES.index(axis)], record.context.vehicle)
-    mean, error, curve = (factor * values for values in (mean, error, curve))
-    lines = [
-        Line(middle, mean, "before", "measured without it", points=True, error=error),
-        Line(at, curve, "fit", fitted),
-    ]
-    label = drawn.force_label.replace(f"[{UNITS[AXES.index(axis)]}]", f"[{unit}]")
+    factor, unit = scale(UNITS[strongest], record.context.vehicle)
+    measured = Line(
+        middle,
+        factor * mean,
+        "before",
+        "measured without it",
+        points=True,
+        error=factor * error,
+    )
+    lines = [measured, Line(at, factor * curve, "fit", fitted)]
+    label = drawn.force_label.replace(f"[{UNITS[strongest]}]", f"[{unit}]")
     return figure(record.name, lines, drawn.label, label)
 
 
@@ -81,11 +86,17 @@ def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Ar
     share = np.linspace(0.0, 1.0, bins + 1)
     edges = np.unique(0.5 * np.quantile(x, share) + 0.5 * (x.min() + share * np.ptp(x)))
     index = np.searchsorted(edges[1:-1], x, side="right")
-    rows = [np.flatnonzero(index == i) for i in range(len(edges) - 1)]
-    full = [own for own in rows if len(own) > 1]
-    mean, spread = (np.array([of(y[own]) for own in full]) for of in (np.mean, np.std))
-    error = 2.0 * spread / np.sqrt([max(len(own) / independent, 1.0) for own in full])
-    return np.array([x[own].mean() for own in full]), mean, error
+    middle = []
+    mean = []
+    error = []
+    for i in range(len(edges) - 1):
+        own = index == i
+        samples = own.sum()
+        if samples > 1:
+            middle.append(x[own].mean())
+            mean.append(y[own].mean())
+            error.append(2.0 * y[own].std() / np.sqrt(max(samples / independent, 1.0)))
+    return np.array(middle), np.array(mean), np.array(error)
 
 
 def against(t: FlightFit, carrier: CarryingChannel) -> str:
@@ -97,10 +108,10 @@ def against(t: FlightFit, carrier: CarryingChannel) -> str:
         return ""
     lines = []
     factor, unit = scale(UNITS[axis], t.record.context.vehicle)
+    independent = INDEPENDENT_S / t.record.step_s
     for residual, kind in ((t.before, "before"), (t.after, "after")):
-        middle, mean, error = binned(
-            x[good], factor * residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s
-        )
+        y = factor * residual[good, axis]
+        middle, mean, error = binned(x[good], y, BINS, independent)
         lines.append(Line(middle, mean, kind, kind, points=True, error=error))
     title = f"{AXIS_WORDS[axis].capitalize()}: {t.record.name}"
     return figure(title, lines, channel_words(carrier.name), f"error [{unit}]")
@@ -113,14 +124,10 @@ def series(t: FlightFit) -> str:
     lines: list[Line] = []
     for axis in record.axes:
         factor, unit = scale(UNITS[axis], record.context.vehicle)
-        lines = [
-            Line(
-                *envelope(record.time_s, np.where(record.valid, factor * y[:, axis], np.nan)),
-                kind,
-                kind,
-            )
-            for kind, y in (("before", t.before), ("after", t.after))
-        ]
+        lines = []
+        for kind, residual in (("before", t.before), ("after", t.after)):
+            error = np.where(record.valid, factor * residual[:, axis], np.nan)
+            lines.append(Line(*envelope(record.time_s, error), kind, kind))
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}"
         out.append(figure(title, lines, "time since boot [s]", f"[{unit}]", keyed=False))
     return f'<p class="keys">{keys(lines)}</p><div class="plots">{"".join(out)}</div>'
