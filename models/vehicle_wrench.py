@@ -61,9 +61,8 @@ def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: Arr
 
 def reference_thrust(vehicle: Vehicle, model: FanModel | None) -> Array:
     """Free-air thrust [N] (fans,) at ``REFERENCE_RPM``; without a model as the vehicle file declares it."""
-    return np.array(
-        [float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM)) for fan in vehicle.fans]
-    )
+    thrusts = [free_air_thrust(vehicle, model, fan, REFERENCE_RPM) for fan in vehicle.fans]
+    return np.array(thrusts, dtype=float)
 
 
 def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLike) -> Array:
@@ -74,9 +73,8 @@ def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLik
     """
     owner = np.asarray(vehicle.rotor_fan)
     whole = servo_thrust(vehicle, servo_us) * vehicle.rotor_counts[owner]
-    return np.asarray(
-        REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference_thrust(vehicle, model)[owner])
-    )
+    reference = reference_thrust(vehicle, model)[owner]
+    return np.asarray(REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference))
 
 
 def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
@@ -88,7 +86,8 @@ def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
     curve = vehicle.throttle
     channels = [rotor.servo - 1 for rotor in vehicle.rotors if rotor.servo is not None]
     pwm = np.asarray(servo_us, dtype=float)[..., channels]
-    u = np.clip((pwm - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us), 0.0, 1.0)
+    span = curve.pwm_max_us - curve.pwm_min_us
+    u = np.clip((pwm - curve.pwm_min_us) / span, 0.0, 1.0)
     return curve.max_thrust_n * ((1.0 - curve.expo) * u + curve.expo * u * u)
 
 
@@ -104,9 +103,8 @@ def modelled_wrench(vehicle: Vehicle, model: FanModel | None, state: AirState) -
         body = np.zeros((*speeds.shape, 6))
         body[..., 2] = -((speeds / REFERENCE_RPM) ** 2) * reference_thrust(vehicle, None)
     else:
-        body = corner_to_body(
-            model.wrench(state.h_m, state.d_m, speeds), state.wall_bearing_rad[..., None]
-        )
+        corner = model.wrench(state.h_m, state.d_m, speeds)
+        body = corner_to_body(corner, state.wall_bearing_rad[..., None])
     total: Array = at_cg(body, vehicle.fan_positions_m).sum(axis=-2)
     total[..., 5] += fan_torques(vehicle, state.rpm).sum(axis=-1)
     return total + vane_wrench(vehicle, state.servo_us, -body[..., 2])
@@ -144,16 +142,13 @@ def fan_torques(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     for k, (rotor, owner) in enumerate(zip(vehicle.rotors, vehicle.rotor_fan, strict=True)):
         fan = vehicle.fans[owner]
         if fan.cq is not None:
-            torque = (
-                fan.cq
-                / len(fan.rotors)
-                * _dynamic_force(vehicle, rpm[..., k])
-                * vehicle.rotor_radius_m
-            )
+            cq = fan.cq / len(fan.rotors)
+            torque = cq * _dynamic_force(vehicle, rpm[..., k]) * vehicle.rotor_radius_m
             moment[..., owner] -= rotor.spin * torque
     return moment
 
 
 def _dynamic_force(vehicle: Vehicle, rpm: Array) -> Array:
     """rho A Omega^2 R^2 [N] at sea-level density."""
-    return RHO_SEA_LEVEL * vehicle.disc_area_m2 * (rpm * RPM_TO_RAD_S * vehicle.rotor_radius_m) ** 2
+    tip_speed = rpm * RPM_TO_RAD_S * vehicle.rotor_radius_m
+    return RHO_SEA_LEVEL * vehicle.disc_area_m2 * tip_speed**2

@@ -49,10 +49,11 @@ class LegComparison:
     @property
     def legs(self) -> dict[Leg, list[Flown]]:
         """The flights of every leg that was flown."""
-        of_leg = {}
-        for leg in Leg:
-            of_leg[leg] = [f for f in self.flights if f.leg is leg]
-        return {leg: flights for leg, flights in of_leg.items() if flights}
+        flown = {f.leg for f in self.flights}
+        out = {}
+        for leg in (leg for leg in Leg if leg in flown):
+            out[leg] = [f for f in self.flights if f.leg is leg]
+        return out
 
     @property
     def approaches(self) -> range:
@@ -83,11 +84,15 @@ def spread(flights: Sequence[Flown], number: Callable[[Flown], float]) -> tuple[
 def resolved(flights: Sequence[Flown], axis: str) -> bool:
     """Whether the error that the air causes stands out of what flights in free air differ by between seeds."""
     seeds = len({f.seed for f in flights})
-    off, free = (
-        spread([f for f in flights if f.leg is leg], lambda f: f.rms(axis))[0]
-        for leg in (Leg.OFF, Leg.FREE)
-    )
+    off, free = _off_and_free(flights, axis)
     return off - free > 2.0 * SCATTER[axis] * free / math.sqrt(seeds)
+
+
+def _off_and_free(flights: Sequence[Flown], axis: str) -> tuple[float, float]:
+    """RMS of an axis without offsets and in free air, mean over the seeds."""
+    off, _ = spread([f for f in flights if f.leg is Leg.OFF], lambda f: f.rms(axis))
+    free, _ = spread([f for f in flights if f.leg is Leg.FREE], lambda f: f.rms(axis))
+    return off, free
 
 
 def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str, float]] | None:
@@ -132,7 +137,11 @@ def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) 
 
 def as_json(found: LegComparison) -> dict[str, Any]:
     """Everything the tables show: RMS and peak per leg and axis, mean and sd over the seeds; RMS by phase."""
-    parts = {leg.name.lower(): air_part(found.flights, leg) for leg in OFFSETS}
+    removed = {}
+    for leg in OFFSETS:
+        part = air_part(found.flights, leg)
+        if part is not None:
+            removed[leg.name.lower()] = {way: _all_rounded(part[way]) for way in part}
     return {
         "scenario": found.scenario,
         "simulated": True,
@@ -144,13 +153,7 @@ def as_json(found: LegComparison) -> dict[str, Any]:
         "legs": {
             leg.name.lower(): _leg_json(leg, flights, found) for leg, flights in found.legs.items()
         },
-        "air_caused_part_removed": {
-            name: {
-                way: {a: _rounded(v, 4) for a, v in shares.items()} for way, shares in part.items()
-            }
-            for name, part in parts.items()
-            if part is not None
-        },
+        "air_caused_part_removed": removed,
         "flights": [_flight_json(f, found) for f in found.flights],
     }
 
@@ -193,6 +196,10 @@ def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dic
     for k in found.approaches:
         out.append({phase or "all": of_phase(k, phase) for phase in found.phases})
     return out
+
+
+def _all_rounded(shares: Mapping[str, float]) -> dict[str, float | None]:
+    return {axis: _rounded(share, 4) for axis, share in shares.items()}
 
 
 def _rounded(value: float, digits: int = 3) -> float | None:
@@ -296,7 +303,7 @@ def _part_line(name: str, shares: Mapping[str, float], clear: Sequence[str]) -> 
 
 def _unclear_line(found: LegComparison, axis: str) -> str:
     """What is said of an axis in which the air hardly adds to what the path costs."""
-    off, free = (spread(found.legs[leg], lambda f: f.rms(axis))[0] for leg in (Leg.OFF, Leg.FREE))
+    off, free = _off_and_free(found.flights, axis)
     return (
         f"  {axis}: no share: with and without the air it is {off:.2f} and {free:.2f} "
         f"{UNITS[axis]}, which these flights do not tell apart"

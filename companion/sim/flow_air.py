@@ -45,19 +45,11 @@ class FlowAir:
         """At height ``eta`` = h/R and lip-to-wall distance ``delta`` = d/R (either may be inf)."""
         i, a = self._cell(0, eta)
         j, b = self._cell(1, delta)
-        rows = (
-            self._table[i][j],
-            self._table[i][j + 1],
-            self._table[i + 1][j],
-            self._table[i + 1][j + 1],
-        )
-        x, y, z, mx, my, mz = [
-            (1.0 - a) * ((1.0 - b) * p + b * q) + a * ((1.0 - b) * r + b * s)
-            for p, q, r, s in zip(*rows, strict=True)
-        ]
-        return Increments(
-            x=x, y=y, z=z, mx=mx, my=my, mz=mz, rms=NOMINAL.increments(eta, delta).rms
-        )
+        below = _between(self._table[i][j], self._table[i][j + 1], b)
+        above = _between(self._table[i + 1][j], self._table[i + 1][j + 1], b)
+        x, y, z, mx, my, mz = _between(below, above, a)
+        rms = NOMINAL.increments(eta, delta).rms
+        return Increments(x=x, y=y, z=z, mx=mx, my=my, mz=mz, rms=rms)
 
     def _cell(self, axis: int, value: float) -> tuple[int, float]:
         """The knot below a distance, and how far it is towards the next."""
@@ -65,6 +57,12 @@ class FlowAir:
         at = (min(max(math.log(max(value, 1e-3)), low), self._high) - low) * self._per_knot[axis]
         k = min(int(at), _KNOTS - 2)
         return k, at - k
+
+
+def _between(first: list[float], second: list[float], share: float) -> list[float]:
+    """Linear interpolation, ``share`` of the way from the first to the second."""
+    pairs = zip(first, second, strict=True)
+    return [(1.0 - share) * a + share * b for a, b in pairs]
 
 
 def _shares(data: DataSet, radius_m: float) -> tuple[Array, Array]:

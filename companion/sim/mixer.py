@@ -31,18 +31,19 @@ class Mixer:
                 "vehicle file: fans and vanes cannot hold roll, pitch and yaw; give each "
                 "single-rotor 'fan' its 'ct' and 'cq', or add a 'vane'"
             )
-        rows = np.linalg.pinv(full)[
-            :, 1:
-        ].tolist()  # (actuators, 3): share of hover lift / of vane travel per N m
+        # (actuators, 3): share of hover lift, or of vane travel, per N m.
+        rows = np.linalg.pinv(full)[:, 1:].tolist()
         self._fan_rows = rows[: len(fans)]
         self._vane_rows = rows[len(fans) :]
         self._hover = hover
         self._motor = motor
-        self._fans = [[(r.esc or r.servo or 1) - 1 for r in fan.rotors] for fan in fans]
-        self._vanes = [
-            (v.servo - 1, v.neutral_us, (VANE_LIMIT_RAD / v.rad_per_us) if v.rad_per_us else 0.0)
-            for v in vanes
-        ]
+        self._fans = []
+        for fan in fans:
+            self._fans.append([(r.esc or r.servo or 1) - 1 for r in fan.rotors])
+        self._vanes = []
+        for v in vanes:
+            travel_us = VANE_LIMIT_RAD / v.rad_per_us if v.rad_per_us else 0.0
+            self._vanes.append((v.servo - 1, v.neutral_us, travel_us))
         self._low, self._span = pulses(vehicle)
         self.pwm = [0.0] * 16
         self.saturated = False

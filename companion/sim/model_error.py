@@ -31,9 +31,8 @@ def model_error(model: FanSurrogate, vehicle: Vehicle, truth: SurfaceLaw) -> Law
     lift_n = sum(fan[2] for fan in model.free_air_now([rpm] * len(vehicle.fans)))
 
     def effects(state: AirState) -> Array:
-        return adopted_wrench(
-            model.effects, Context(state=state, vehicle=vehicle, model=model), in_flight=True
-        )
+        context = Context(state=state, vehicle=vehicle, model=model)
+        return adopted_wrench(model.effects, context, in_flight=True)
 
     alone = effects(_hover(vehicle, math.inf, math.inf, rpm))
     believed = []
@@ -52,11 +51,8 @@ def _hover(vehicle: Vehicle, eta: float, delta: float, rpm: float) -> AirState:
     radius = vehicle.rotor_radius_m
     azimuth = wall_azimuth(vehicle)
     place = vehicle.fan_positions_m
-    lip = (
-        place[:, 0] * math.cos(azimuth)
-        + place[:, 1] * math.sin(azimuth)
-        + [f.lip_radius_m for f in vehicle.fans]
-    )
+    towards = place[:, :2] @ (math.cos(azimuth), math.sin(azimuth))
+    lip = towards + vehicle.lip_radii_m
     still = blank_state((), len(vehicle.fans), len(vehicle.rotors))
     return replace(
         still,

@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -278,16 +279,15 @@ def mesh_error(rows: Sequence[Row], setup: Setup) -> Array:
         )
         if usable and p.level in levels and p.place in c.grid_at:
             found.setdefault(p.place, {})[p.level] = np.array(row.result.wrench)
-    whole = {place: by for place, by in found.items() if len(by) == len(levels)}
-    added = [
-        [by[n] - whole[FREE][n] for n in levels]
-        for p, by in whole.items()
-        if FREE in whole and p != FREE
-    ]
-    if added:
-        halves = [np.ptp(a, axis=0) / 2 for a in added]
-        return np.asarray(np.sqrt(np.mean(np.square(halves), axis=0)))
-    return np.zeros(6)
+    free = found.pop(FREE, {})
+    halves = []
+    for by_level in found.values():
+        if len(by_level) == len(free) == len(levels):
+            added = [by_level[level] - free[level] for level in levels]
+            halves.append(np.ptp(added, axis=0) / 2)
+    if not halves:
+        return np.zeros(6)
+    return np.asarray(np.sqrt(np.mean(np.square(halves), axis=0)))
 
 
 def write_data(path: Path, made: Assembled) -> None:
@@ -300,12 +300,10 @@ def write_marks(path: Path, made: Assembled) -> None:
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     kinds = ("amplitude_", "scatter_", "sigma_")
-    out.writerow(
-        ["h_m", "d_m", "rpm", "made", "status", "starts", *(n for kind in kinds for n in six(kind))]
-    )
+    numbers = chain.from_iterable(map(six, kinds))
+    out.writerow(["h_m", "d_m", "rpm", "made", "status", "starts", *numbers])
     for row, mark in zip(made.table, made.marks, strict=True):
-        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
-        out.writerow(
-            [*(f"{v:.6g}" for v in row[:3]), mark.made, mark.status, mark.starts, *numbers]
-        )
+        place = [f"{v:.6g}" for v in row[:3]]
+        errors = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
+        out.writerow([*place, mark.made, mark.status, mark.starts, *errors])
     path.write_text(text.getvalue(), encoding="utf-8")

@@ -81,21 +81,17 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     made = assemble(rows, setup)
     rpm = setup.campaign.rpm
     kind = full_kind(rows, rpm)
-    known = {
-        (
-            round(float(row[0]) / setup.fan.radius_m, 9),
-            round(float(row[1]) / setup.fan.radius_m, 9),
-        ): mark
-        for row, mark in zip(made.table, made.marks, strict=True)
-        if row[2] == rpm
-    }
-    solved = known[FREE].made == "solved"
-    parts = {
-        r.position.place: np.array(r.result.parts)
-        for r in rows
-        if kind_of(r.position) == (kind if solved else HALF)
-        and (r.position.rpm, r.position.approach) == (rpm, "near")
-    }
+    known: dict[Place, Label] = {}
+    for (h_m, d_m, speed, *_), mark in zip(made.table.tolist(), made.marks, strict=True):
+        if speed == rpm:
+            place = round(h_m / setup.fan.radius_m, 9), round(d_m / setup.fan.radius_m, 9)
+            known[place] = mark
+    judged = kind if known[FREE].made == "solved" else HALF
+    parts: dict[Place, Array] = {}
+    for row in rows:
+        p = row.position
+        if kind_of(p) == judged and p.rpm == rpm and p.approach == "near":
+            parts[p.place] = np.array(row.result.parts)
     bare = Checked(
         labels=known,
         parts=parts,

@@ -22,27 +22,30 @@ class NetEnsemble:
     kind = "nets"
 
     def __init__(self, w1: Array, b1: Array, w2: Array, b2: Array) -> None:
-        self.w1, self.b1, self.w2, self.b2 = (
-            np.ascontiguousarray(a, dtype=float) for a in (w1, b1, w2, b2)
-        )
+        self.w1 = np.ascontiguousarray(w1, dtype=float)
+        self.b1 = np.ascontiguousarray(b1, dtype=float)
+        self.w2 = np.ascontiguousarray(w2, dtype=float)
+        self.b2 = np.ascontiguousarray(b2, dtype=float)
         k, six, n_in, hidden = self.w1.shape
-        self._inner = 2.0 * self.w1.reshape(k * six, n_in, hidden)
-        self._inner_shift = 2.0 * self.b1.reshape(k * six, 1, hidden)
-        self._outer = -2.0 * self.w2.reshape(k * six, hidden, 1)
-        self._outer_shift = (self.b2 + self.w2.sum(axis=-1)).reshape(k * six, 1)
+        nets = k * six
+        self._inner = 2.0 * self.w1.reshape(nets, n_in, hidden)
+        self._inner_shift = 2.0 * self.b1.reshape(nets, 1, hidden)
+        self._outer = -2.0 * self.w2.reshape(nets, hidden, 1)
+        self._outer_shift = (self.b2 + self.w2.sum(axis=-1)).reshape(nets, 1)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread (standard deviation over members), each (n, 6), at inputs (n, n_in)."""
         mean = np.empty((len(x), 6))
         spread = np.empty((len(x), 6))
         for start in range(0, len(x), CHUNK):
-            out = self.outputs(x[start : start + CHUNK])
+            rows = slice(start, start + CHUNK)
+            out = self.outputs(x[rows])
             middle = out.mean(axis=0)
-            mean[start : start + CHUNK] = middle
+            mean[rows] = middle
             if len(out) > 1:
-                spread[start : start + CHUNK] = out.std(axis=0, ddof=1, mean=middle[None])
+                spread[rows] = out.std(axis=0, ddof=1, mean=middle[None])
             else:
-                spread[start : start + CHUNK] = 0.0
+                spread[rows] = 0.0
         return mean, spread
 
     def outputs(self, x: Array) -> Array:

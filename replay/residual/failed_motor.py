@@ -502,7 +502,9 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     # A beginning anywhere here: the mean over its times, for all alike.
     by_fan = np.array([_sum(column) for column in lost.T])
     none = _sum(np.array([compared.none for compared in found]))
-    other = max(_sum(np.array([getattr(c, name) for c in found])) for name in ("pushed", "struck"))
+    pushed = _sum(np.array([compared.pushed for compared in found]))
+    struck = _sum(np.array([compared.struck for compared in found]))
+    other = max(pushed, struck)
     windows = max(signals.flying.sum() * signals.step_s / AFTER_S, 1.0)
     soon = begins[-1] + round(AFTER_S / signals.step_s)
     falls = signals.over[begins[0] : min(end, soon) + 1].any()

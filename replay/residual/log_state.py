@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from models.air_state import DIRECTIONS, AirState, blank_state
 from models.common.errors import LogError
 from models.common.frames import Array
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog
+from replay.flightlog import EscRecord, FlightLog
 from replay.logs.names import called
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
@@ -72,11 +72,9 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
             f"{log.path}: no {outputs}, and the vehicle file declares thrust by servo outputs"
         )
     own = [log.escs[r.esc] for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
-    temperatures, others = (
-        [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
-        for escs in (own, log.escs.values())
-    )
-    battery, pressure = (sampled(series, 2, t, 10.0) for series in (log.battery, log.pressure))
+    temperatures = _temperatures(own, t) or _temperatures(log.escs.values(), t)
+    battery = sampled(log.battery, 2, t, 10.0)
+    pressure = sampled(log.pressure, 2, t, 10.0)
     return replace(
         blank_state((len(t),), len(vehicle.fans), len(vehicle.rotors)),
         time_s=t,
@@ -88,11 +86,16 @@ def raw_state(log: FlightLog, vehicle: Vehicle, motion: Trajectory) -> AirState:
         thrust_command=sampled(log.thrust_command, 1, t, 1.0)[:, 0],
         battery_voltage_v=battery[:, 0],
         battery_current_a=battery[:, 1],
-        esc_temperature_c=np.mean(temperatures or others or [np.full(len(t), np.nan)], axis=0),
+        esc_temperature_c=np.mean(temperatures or [np.full(len(t), np.nan)], axis=0),
         pressure_pa=pressure[:, 0],
         air_temperature_c=pressure[:, 1],
         **rotor_columns(log, vehicle, t, 0.0),
     )
+
+
+def _temperatures(escs: Iterable[EscRecord], t: Array) -> list[Array]:
+    """Of the ESCs that tell one, (n,) each."""
+    return [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
 
 
 def neutral_servos(vehicle: Vehicle) -> Array:
@@ -134,10 +137,7 @@ def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
         "rates": ("p_rad_s", "q_rad_s", "r_rad_s"),
         "specific_force": ("ax_m_s2", "ay_m_s2", "az_m_s2"),
         "ranges_m": [f"range_{name}_m" for name in DIRECTIONS],
-        "rpm": [
-            f"rpm_{k if rotor.esc is None else rotor.esc}"
-            for k, rotor in enumerate(vehicle.rotors, 1)
-        ],
+        "rpm": [f"rpm_{rotor.esc or k}" for k, rotor in enumerate(vehicle.rotors, 1)],
         "servo_us": [f"servo_{k}" for k in range(1, 17)],
     }
     for field, columns in names.items():

@@ -63,9 +63,11 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
     out = []
     for k, rpm in enumerate(typical):
         others = np.isfinite(typical) & (np.arange(len(typical)) != k)
-        usual, varies = (
-            float(np.median(x[others])) if others.any() else np.nan for x in (typical, spread)
-        )
+        usual = np.nan
+        varies = np.nan
+        if others.any():
+            usual = float(np.median(typical[others]))
+            varies = float(np.median(spread[others]))
         tip = vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
         if rpm < DEAD_SHARE * usual:
             what = f"reads {rpm:.0f} rpm in flight{_output_of(ctx, k, flying)}"
