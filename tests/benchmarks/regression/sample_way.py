@@ -3,9 +3,8 @@
     python tests/benchmarks regression.sample_way LOG.tlog [--vehicle FILE.toml] [--edges]
 
 A reader who follows one sample looks into another file at every such call. ``jumps``: pairs of files, each counted
-once. A call goes up a layer where the file that it enters imports, by way of others too, the file that it comes from:
-a reader has then to know both. By kind of sample: medians over a recorded flight, and the longest way. ``--edges`` lists
-the calls of the longest one.
+once. A call goes up a layer where the file that it enters imports, by way of others too, the file that it comes from.
+By kind of sample: medians over a recorded flight, and the longest way. ``--edges`` lists the calls of the longest one.
 """
 
 from __future__ import annotations
