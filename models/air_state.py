@@ -47,6 +47,11 @@ class AirState:
     def __len__(self) -> int:
         return int(self.time_s.shape[0])
 
+    @property
+    def step_s(self) -> float:
+        """Of a record: time between samples."""
+        return float(np.median(np.diff(self.time_s)))
+
     def take(self, index: object) -> AirState:
         """The samples ``index`` (slice, mask or integers) of a record."""
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})

@@ -72,6 +72,14 @@ def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[AnyRow, AnyRow, AnyRo
     )
 
 
+def euler_angles(rotation: Array) -> Array:
+    """Roll, pitch, yaw (3, n) [rad] of rotations (n, 3, 3) from FRD to NED, aerospace 3-2-1."""
+    roll = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
+    pitch = -np.arcsin(np.clip(rotation[:, 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
+    return np.stack([roll, pitch, yaw])
+
+
 def quaternion_from_euler(
     roll: float, pitch: float, yaw: float
 ) -> tuple[float, float, float, float]:

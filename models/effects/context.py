@@ -118,8 +118,9 @@ class Context:
         """
         thrust = self.thrust.sum(axis=-1) / self.weight
         felt = -self.state.specific_force[:, 2] / GRAVITY
-        apart = max(round(APART_S / float(np.median(np.diff(self.state.time_s)))), 1)
-        a, b = (x[apart:] - x[:-apart] for x in (thrust, felt))
+        apart = max(round(APART_S / self.state.step_s), 1)
+        a = thrust[apart:] - thrust[:-apart]
+        b = felt[apart:] - felt[:-apart]
         known = np.isfinite(a) & np.isfinite(b)
         return float(b[known] @ b[known]) / max(float(a[known] @ b[known]), 1e-12) - 1.0
 
@@ -290,7 +291,7 @@ def smoothed(ctx: Context, values: Array) -> Array:
 def through(ctx: Context, values: Array, response: Callable[[NDArray[Any]], NDArray[Any]]) -> Array:
     """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
     n = len(values)
-    step = float(np.median(np.diff(ctx.state.time_s)))
+    step = ctx.state.step_s
     pad = min(n, int(20.0 / step) + 1)
     index = np.arange(n)
     gain = response(2.0 * np.pi * np.fft.rfftfreq(n + 2 * pad, step))

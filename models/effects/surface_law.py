@@ -91,7 +91,7 @@ def _mixing(shape: tuple[float, ...]) -> Array:
 def _seen(flights: Sequence[Context]) -> dict[str, float]:
     seconds = np.zeros(MEASURED.size)
     for ctx in flights:
-        step = float(np.median(np.diff(ctx.state.time_s)))
+        step = ctx.state.step_s
         seconds += step * _weights(ctx).mean(axis=1).sum(axis=0)
     return {
         cell_name("seen", k): round(min(s / SEEN_S, 1.0), 3) for k, s in enumerate(seconds.tolist())

@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.control.reasons import Reason
 from models.common.pages.svg import Band, Line, figure, keys
+from models.common.runs import runs_of
 from replay.report import render
 from replay.rerun.history import History
 from replay.rerun.report import RunReport
@@ -128,12 +129,10 @@ def lasted(seconds: float) -> str:
 def _plots(history: History) -> str:
     """As HTML, with the time shaded in which it compensated."""
     t_s = history.column("t_s")
-    edges = np.flatnonzero(np.diff(history.column("compensating"), prepend=0.0, append=0.0))
-    edges = np.minimum(edges, len(t_s) - 1)
-    bands = [
-        Band(t_s[i], t_s[j], "fit", "compensating")
-        for i, j in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    bands = []
+    for run in runs_of(history.column("compensating") > 0.0):
+        end = min(run.stop, len(t_s) - 1)
+        bands.append(Band(t_s[run.start], t_s[end], "fit", "compensating"))
     if bands:
         out = f'<p class="keys">{keys((), bands)}</p>'
     else:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.common.frames import GRAVITY, Array
+from models.common.frames import GRAVITY, Array, euler_angles
 from models.effects import Context
 from replay.residual.grid import Mask, rate_of_change, running_mean
 from replay.residual.motion import Trajectory
@@ -120,9 +120,7 @@ def _seen(lift: Array, turning: Mask, motion: Trajectory, pressure: Array) -> _S
         spun = _mean(lift, rate) > SETTLED_SHARE * usual
     around = 2 * round(EDGE_S * rate) + 1
     settled = np.convolve(~spun, np.ones(around), "same") < 0.5
-    r = motion.rotation
-    roll = np.degrees(np.arctan2(r[:, 2, 1], r[:, 2, 2]))
-    pitch = np.degrees(np.arcsin(np.clip(-r[:, 2, 0], -1.0, 1.0)))
+    roll, pitch, _ = np.degrees(euler_angles(motion.rotation))
     tilt = np.stack([_mean(roll, rate), _mean(pitch, rate)], axis=1)
     return _Seen(
         t=motion.grid.t[::every],
@@ -162,7 +160,9 @@ def _held(seen: _Seen) -> Mask:
     make the descent a standstill.
     """
     runs = _runs(seen)
-    windows = [window for run in runs for window in _windows(seen, run)]
+    windows: list[Array] = []
+    for run in runs:
+        windows += _windows(seen, run)
     answers = [_answer(seen, window) for window in windows]
     asked = np.zeros(len(seen.t))
     said = np.zeros(len(seen.t))

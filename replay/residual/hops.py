@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.common.frames import GRAVITY, Array
+from models.common.runs import runs_of
 from models.effects import Context
 from replay.residual.grid import Mask, running_mean
 from replay.residual.motion import ENOUGH_S, Trajectory
@@ -44,10 +45,8 @@ def hops(ctx: Context, motion: Trajectory, turning: Mask) -> Mask:
     out = np.zeros(len(turning), bool)
     still = _still(motion)
     lift = ctx.thrust.sum(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], turning, [False]]).astype(int)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        run = slice(first, last)
-        begins_in_air = lift[first] > SPUN_UP * np.nanmedian(lift[run])
+    for run in runs_of(turning):
+        begins_in_air = lift[run.start] > SPUN_UP * np.nanmedian(lift[run])
         if begins_in_air or np.isfinite(ctx.state.h_m[run]).any():
             continue
         rate = motion.grid.rate
@@ -66,9 +65,7 @@ def _low(down: Array, rate: float) -> bool:
     rise = down[known][0] - running_mean(down, round(SLOW_S * rate))
     if np.nanmax(rise) > ROSE_M:
         return False
-    clear = np.concatenate([[False], rise > CLEAR_M, [False]])
-    edges = np.flatnonzero(np.diff(clear.astype(int)))
-    longest = max(edges[1::2] - edges[::2], default=0)
+    longest = max((run.stop - run.start for run in runs_of(rise > CLEAR_M)), default=0)
     return bool(longest < ENOUGH_S * rate)
 
 

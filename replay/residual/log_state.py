@@ -9,7 +9,7 @@ import numpy as np
 
 from models.air_state import DIRECTIONS, AirState, blank_state
 from models.common.errors import LogError
-from models.common.frames import Array
+from models.common.frames import Array, euler_angles
 from models.vehicle import Vehicle
 from replay.flightlog import EscRecord, FlightLog
 from replay.logs.names import called
@@ -123,14 +123,8 @@ def decimated(state: AirState, grid: Grid) -> AirState:
 
 def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
     """What the flexible search may look at, by the channel names of docs/formats.md."""
-    r = state.rotation
-    with np.errstate(invalid="ignore"):
-        out = {
-            "time_s": state.time_s,
-            "roll_rad": np.arctan2(r[:, 2, 1], r[:, 2, 2]),
-            "pitch_rad": -np.arcsin(np.clip(r[:, 2, 0], -1.0, 1.0)),
-            "yaw_rad": np.arctan2(r[:, 1, 0], r[:, 0, 0]),
-        }
+    roll, pitch, yaw = euler_angles(state.rotation)
+    out = {"time_s": state.time_s, "roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw}
     names: dict[str, Sequence[str]] = {
         "position_ned": ("north_m", "east_m", "down_m"),
         "velocity_ned": ("vn_m_s", "ve_m_s", "vd_m_s"),

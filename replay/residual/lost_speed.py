@@ -61,20 +61,16 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     outputs = ctx.state.servo_us[:, [n - 1 for n in numbers if n is not None and n <= 16]]
     if outputs.shape[1] != rpm.shape[1]:
         return None
-    rate = 1.0 / float(np.median(np.diff(ctx.state.time_s)))
+    rate = 1.0 / ctx.state.step_s
     # Where a rotor stops, the declared lift may no longer be that of a flight.
     aloft = np.convolve(flying, np.ones(round(FALLS_S * rate) + 1))[: len(flying)] > 0.5
-    aloft &= ctx.state.time_s < until_s
-    known = aloft & np.isfinite(outputs).all(axis=1) & np.isfinite(rpm).all(axis=1)
+    seen = np.isfinite(outputs).all(axis=1) & np.isfinite(rpm).all(axis=1)
+    seen &= ctx.state.time_s < until_s
+    known = aloft & seen
     first = np.flatnonzero(known)
     if len(first) < 2.0 * FLOWN_S * rate:
         return None
     # A law of all motors and of the whole log, idle on the ground included: one that fails is one of many, and late.
-    seen = (
-        np.isfinite(outputs).all(axis=1)
-        & np.isfinite(rpm).all(axis=1)
-        & (ctx.state.time_s < until_s)
-    )
     turning = seen & (rpm > 0.0).all(axis=1)
     if not turning.any():
         return None
@@ -83,14 +79,15 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     asked = _lagged(np.sqrt(np.maximum(squared, 0.0)), LAG_S * rate)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = rpm / np.maximum(asked, LEAST_ASKED * np.median(rpm[known]))
-    ratio = ratio / np.nanmedian(
-        np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan), axis=0
-    )
+    following = np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan)
+    ratio = ratio / np.nanmedian(following, axis=0)
     start = int(first[0] + FLOWN_S * rate)
-    spoken = [
-        found for k in range(rpm.shape[1]) if (found := _leaves(ctx, ratio, known, k, start, rate))
-    ]
-    return min(spoken, key=lambda found: found.since_s, default=None)
+    lost = []
+    for k in range(rpm.shape[1]):
+        found = _leaves(ctx, ratio, known, k, start, rate)
+        if found is not None:
+            lost.append(found)
+    return min(lost, key=lambda found: found.since_s, default=None)
 
 
 def _leaves(
@@ -101,11 +98,9 @@ def _leaves(
         usual = np.median(others, axis=1)
         follow = (usual > FOLLOWS[0]) & (usual < FOLLOWS[1]) & known
         slow = (ratio[:, k] < SLOW_SHARE) & follow
-        fast = (
-            (ratio[:, k] > FAST_SHARE)
-            & follow
-            & (ctx.state.rpm[:, k] > np.nanmedian(ctx.state.rpm[known, k]))
-        )
+        rpm = ctx.state.rpm[:, k]
+        above_usual = rpm > np.nanmedian(rpm[known])
+        fast = (ratio[:, k] > FAST_SHARE) & above_usual & follow
     for off, faster, lasts_s in ((slow, False, LASTS_S), (fast, True, FASTER_S)):
         count = max(round(lasts_s * rate), 2)
         stays = _stays(off[start:], follow[start:], count, round(STAYS_S * rate))
@@ -116,12 +111,16 @@ def _leaves(
 
 def _stays(off: Mask, judged: Mask, count: int, later: int) -> int | None:
     """First sample from which on it is off for ``count`` samples, and mostly so in those judged of the ``later``."""
-    lasting = np.convolve(off.astype(float), np.ones(count), "valid") > count - 0.5
-    for first in np.flatnonzero(lasting).tolist():
+    for first in np.flatnonzero(_lasting(off, count)).tolist():
         span = slice(first, first + later)
         if off[span].sum() > MOSTLY * judged[span].sum():
             return int(first)
     return None
+
+
+def _lasting(off: Mask, count: int) -> Mask:
+    """Samples (n - count + 1,) from which on something holds for ``count`` samples."""
+    return np.asarray(np.convolve(off.astype(float), np.ones(count), "valid") > count - 0.5)
 
 
 def _lagged(x: Array, samples: float) -> Array:
@@ -149,13 +148,13 @@ def switched_off(log: FlightLog, ctx: Context, flying: Mask, until_s: float) -> 
         return None
     t = ctx.state.time_s
     share = (ctx.state.servo_us[:, columns] - low_us) / range_us
-    count = max(round(LASTS_S / float(np.median(np.diff(t)))), 2)
+    count = max(round(LASTS_S / ctx.state.step_s), 2)
     aloft = flying & (t < until_s)
     for k in range(share.shape[1]):
         others = np.delete(share, k, axis=1)
         with np.errstate(invalid="ignore"):
             alone = (share[:, k] < BELOW * least) & (others.min(axis=1) > BELOW * least) & aloft
-        lasting = np.convolve(alone.astype(float), np.ones(count), "valid") > count - 0.5
+        lasting = _lasting(alone, count)
         if lasting.any():
             return Lost(k, float(t[int(np.argmax(lasting))]), faster=False)
     return None

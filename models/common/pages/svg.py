@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models.common.frames import Array
+from models.common.runs import runs_of
 
 WIDTH = 400
 HEIGHT = 190
@@ -71,9 +73,8 @@ def figure(
     keyed: bool = True,
 ) -> str:
     """A plot with its title and, if ``keyed``, its colours above it, where they wrap as text does."""
-    caption = (
-        f"<figcaption><b>{escape(title)}</b>{keys(lines, bands) if keyed else ''}</figcaption>"
-    )
+    colours = keys(lines, bands) if keyed else ""
+    caption = f"<figcaption><b>{escape(title)}</b>{colours}</figcaption>"
     box = f'viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}"'
     xs, ys = _scales(lines, WIDTH)
     box += f' data-x="{xs}" data-y="{ys}" data-x-label="{escape(x_label)}"'
@@ -86,12 +87,13 @@ def figure(
 
 def keys(lines: Sequence[Line], bands: Sequence[Band] = ()) -> str:
     """What the colours mean, once each."""
-    kinds = {line.label: line.kind for line in lines} | {
-        band.label: f"band {band.kind}" for band in bands
-    }
-    return "".join(
-        f'<span class="key {kind}">{escape(label)}</span>' for label, kind in kinds.items() if label
-    )
+    kinds = {line.label: line.kind for line in lines}
+    kinds |= {band.label: f"band {band.kind}" for band in bands}
+    out = ""
+    for label, kind in kinds.items():
+        if label:
+            out += f'<span class="key {kind}">{escape(label)}</span>'
+    return out
 
 
 def picture(
@@ -104,7 +106,7 @@ def picture(
     for k, (y_label, lines) in enumerate(panels.items()):
         panel = _panel(lines, x_label, y_label, bands, WIDE)
         drawn += f'<g transform="translate(0,{_NAMES + k * HEIGHT})">{panel}</g>'
-    every = [line for lines in panels.values() for line in lines]
+    every = list(chain.from_iterable(panels.values()))
     for label, kind in {line.label: line.kind for line in every}.items():
         names += f'<text class="name {kind}" x="{at:.0f}" y="14">{escape(label)}</text>'
         at += _CHARACTER * (len(label) + 4)
@@ -127,11 +129,12 @@ def _panel(
     lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int
 ) -> str:
     xs, ys = _scales(lines, width)
-    shaded = "".join(_band(band, xs) for band in bands)
-    drawn = "".join(
-        _dots(line, xs, ys) if line.points else _polyline(line, xs, ys) for line in lines
-    )
-    return shaded + _frame(xs, ys, x_label, y_label) + drawn
+    out = "".join(_band(band, xs) for band in bands)
+    out += _frame(xs, ys, x_label, y_label)
+    for line in lines:
+        draw = _dots if line.points else _polyline
+        out += draw(line, xs, ys)
+    return out
 
 
 def _scales(lines: Sequence[Line], width: int) -> tuple[_Scale, _Scale]:
@@ -170,9 +173,8 @@ class _Scale:
         step = size * min((s for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * size >= raw), default=10.0)
         first = np.ceil(self.low / step - 1e-9)
         # Adding zero turns a minus zero into a plain one.
-        return [
-            float(v) for v in np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step + 0.0
-        ]
+        last = np.floor(self.high / step + 1e-9)
+        return list(map(float, np.arange(first, last + 1) * step + 0.0))
 
 
 def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
@@ -184,9 +186,8 @@ def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
         x = min(xs(v), xs.end + _RIGHT - 2 - 0.5 * _CHARACTER * len(_tick(v)))
         out += f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{_tick(v)}</text>'
     middle = 0.5 * (_LEFT + xs.end + _RIGHT)
-    return (
-        out + f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>'
-    )
+    out += f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>'
+    return out
 
 
 def _tick(value: float) -> str:
@@ -198,7 +199,7 @@ def _tick(value: float) -> str:
 
 
 def _band(band: Band, xs: _Scale) -> str:
-    a, b = (min(max(xs(v), _LEFT), xs.end) for v in (band.start, band.end))
+    a, b = np.clip([xs(band.start), xs(band.end)], _LEFT, xs.end)
     if b <= a:
         return ""
     size = f'width="{b - a:.1f}" height="{HEIGHT - _TOP - _BOTTOM}"'
@@ -209,10 +210,9 @@ def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
     px = xs(line.x)
     py = ys(line.y)
     good = np.isfinite(px) & np.isfinite(py)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     out = ""
-    for i, j in zip(edges[::2], edges[1::2], strict=True):
-        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(px[i:j], py[i:j], strict=True))
+    for run in runs_of(good):
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(px[run], py[run], strict=True))
         label = escape(line.label)
         out += f'<polyline class="line {line.kind}" data-label="{label}" points="{points}"/>'
     return out
