@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from diagnosis.one_answer import Asked
 from log_writers import quad_flight, write_tlog
 from regression import kernels
-from regression.kernels import Asked, Job, Kernel
+from regression.kernels import Job, Kernel
 
 from companion.vehicles import QUAD
 

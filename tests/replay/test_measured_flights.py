@@ -274,7 +274,7 @@ def test_flights_in_a_relative_folder_are_found(tmp_path, monkeypatch):
         asked.extend(command)
         return subprocess.CompletedProcess(command, 3, "", "replay: flight.tlog: is empty")
 
-    monkeypatch.setattr(answers.subprocess, "run", run)
+    monkeypatch.setattr(subprocess, "run", run)
     monkeypatch.chdir(tmp_path)
     answers.ask([Path("logs/flight.tlog")], Path("logs/vehicle.toml"), "none", 60.0)
     assert {str(tmp_path / "logs" / name) for name in ("flight.tlog", "vehicle.toml")} <= set(asked)

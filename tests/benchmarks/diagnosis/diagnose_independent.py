@@ -8,22 +8,21 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
-import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import command_line
 from independent.cases import HELD_OUT, Case
 from independent.make import make, read_truth, stem
-from result_file import add_option, counted, write_result
+from result_file import counted, write_result
 from shares import share
 
-from diagnosis.declared import ENVIRONMENT, REPO, train
+from diagnosis.declared import train
 from diagnosis.independent_judge import NEEDED, Judgement, judge, needed_of
+from diagnosis.one_answer import Asked, add_options, diagnose, write_rows
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,7 @@ def main() -> int:
     print()
     print(summary(rows))
     every = [r.judgement for r in rows]
-    needed = [
-        name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")
-    ]
+    needed = needed_named(rows)
     figures = [
         counted("right", (j.right for j in every), least=0.95),
         counted("needed effects named", needed, least=0.95),
@@ -65,9 +62,7 @@ def main() -> int:
         counted("too sure", (j.overclaimed for j in every)),
     ]
     write_result(args, figures, seeds=f"seed {', '.join(map(str, args.seed))}", simulated=True)
-    if args.json:
-        text = json.dumps([asdict(r) for r in rows], indent=1)
-        print(text) if args.json == "-" else Path(args.json).write_text(text)
+    write_rows(args.json, rows)
     return 0
 
 
@@ -84,23 +79,11 @@ def _parser() -> argparse.ArgumentParser:
         "--only", nargs="*", default=[], metavar="TEXT", help="only flights whose name contains it"
     )
     p.add_argument(
-        "--keep",
-        type=Path,
-        metavar="DIR",
-        help="where flights are kept (default: a temporary folder)",
-    )
-    p.add_argument(
-        "--method", default="ensemble", help="how the guarded quadrotor's declared model is trained"
-    )
-    p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
-    p.add_argument(
         "--judge",
         action="store_true",
         help="judge answers that are there instead of diagnosing again",
     )
-    p.add_argument("--timeout", type=float, default=300.0, metavar="S")
-    p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
-    add_option(p)
+    add_options(p, timeout_s=300.0)
     return p
 
 
@@ -109,62 +92,46 @@ def run_one(folder: Path, case: Case, model: Path | None, args: argparse.Namespa
     base = stem(folder, case)
     truth = read_truth(folder, case)
     out = base.with_name(case.name + ".answer.json")
-    if not args.judge:
-        out.unlink(missing_ok=True)
-    command = [
-        sys.executable, "-m", "replay", "diagnose", f"{base}.tlog", "--vehicle", f"{base}.toml",
-        "--model", str(model) if truth["model"] == "table" else "none", "--json", str(out), "--quiet",
-    ]  # fmt: skip
-    begun = time.perf_counter()
-    complaint = ""
-    if not out.exists():
-        complaint = diagnose(command, args.timeout)
-    answer = json.loads(out.read_text()) if out.exists() and not complaint else None
+    declared = model if truth["model"] == "table" else None
+    if args.judge and out.exists():
+        asked = Asked(json.loads(out.read_text()))
+    else:
+        asked = diagnose(base, declared, out, args.timeout)
     strange = {n for n, s in truth["sizes"].items() if s >= NEEDED and n.startswith("x_")}
     needed = tuple(sorted(needed_of(truth) | strange))
     return Row(
-        case.seed,
-        case.name,
-        case.group,
-        time.perf_counter() - begun,
-        needed,
-        judge(truth, answer, complaint),
+        seed=case.seed,
+        name=case.name,
+        group=case.group,
+        seconds=asked.seconds,
+        needed=needed,
+        judgement=judge(truth, asked.answer, asked.last_words),
     )
-
-
-def diagnose(command: list[str], timeout: float) -> str:
-    """Run the command; what it complained of where it failed, else nothing."""
-    try:
-        done = subprocess.run(
-            command,
-            cwd=REPO,
-            env=ENVIRONMENT,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return f"no answer in {timeout:g} s"
-    if done.returncode:
-        return (
-            f"exit code {done.returncode}: {(done.stderr.strip().splitlines() or ['silent'])[-1]}"
-        )
-    return ""
 
 
 def line(row: Row) -> str:
     """One line of the table."""
     j = row.judgement
     mark = "ok " if j.exact else "ok~" if j.right else "BAD"
-    why = [f"wrong {', '.join(j.wrong)}"] * bool(j.wrong) + [
-        f"missed {', '.join(j.missed)}"
-    ] * bool(j.missed)
-    why += ["overclaimed"] * j.overclaimed
+    why = []
+    if j.wrong:
+        why.append(f"wrong {', '.join(j.wrong)}")
+    if j.missed:
+        why.append(f"missed {', '.join(j.missed)}")
+    if j.overclaimed:
+        why.append("overclaimed")
     text = (
         f"{mark} {row.seed}/{row.name:36s} needed {', '.join(row.needed) or 'nothing'} | {j.note}"
     )
     return f"{text} | {'; '.join(why)}" if why else text
+
+
+def needed_named(rows: list[Row]) -> list[bool]:
+    """Whether each needed effect of the catalogue was named."""
+    out = []
+    for row in rows:
+        out += [name in row.judgement.named for name in row.needed if not name.startswith("x_")]
+    return out
 
 
 def summary(rows: list[Row]) -> str:
@@ -175,9 +142,7 @@ def summary(rows: list[Row]) -> str:
     }
     every = [r.judgement for r in rows]
     held_out = any(r.seed >= HELD_OUT for r in rows)
-    needed = [
-        name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")
-    ]
+    needed = needed_named(rows)
     lines = [
         f"{len(rows)} simulated flights (second simulator), {'held-out' if held_out else 'open'} seeds",
         f"flights answered right                    {share(j.right for j in every)}",

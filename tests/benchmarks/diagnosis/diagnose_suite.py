@@ -7,26 +7,26 @@ written to a cache folder outside the repository (or ``--keep DIR``), once; the 
 from __future__ import annotations
 
 import argparse
-import json
+import math
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import command_line
 from flights.make import make_round
 from flights.scenarios import HELD_OUT_ROUND, scenarios
-from result_file import add_option, counted, write_result
+from result_file import counted, write_result
 from shares import share
 
-from diagnosis.declared import ENVIRONMENT, REPO, be_nice, train
+from diagnosis.declared import train
 from diagnosis.flights_judge import Judgement, judge
+from diagnosis.one_answer import add_options, diagnose, write_rows
 
+GROUPS = ("null", "single", "pair", "unlisted", "bad")
 GOAL_SIZE = 0.02
 """Share of the weight from which on an effect is to be named."""
 
@@ -66,10 +66,7 @@ def main() -> int:
                 print(line(rows[-1]), flush=True)
     print()
     print(summary(rows, held_out=any(n >= HELD_OUT_ROUND for n in args.round)))
-    by = {
-        g: [r.judgement for r in rows if r.group == g]
-        for g in ("null", "single", "pair", "unlisted", "bad")
-    }
+    by = by_group(rows)
     effects = by["single"] + by["pair"]
     figures = [
         counted("named right", (j.right for j in effects), least=0.95),
@@ -81,12 +78,7 @@ def main() -> int:
         counted("bad input, right", (j.right for j in by["bad"])),
     ]
     write_result(args, figures, seeds=f"round {', '.join(map(str, args.round))}", simulated=True)
-    if args.json:
-        text = json.dumps([asdict(r) for r in rows], indent=1)
-        if args.json == "-":
-            print(text)
-        else:
-            Path(args.json).write_text(text)
+    write_rows(args.json, rows)
     return 0
 
 
@@ -103,60 +95,25 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--group", nargs="*", default=[], help="only null, single, pair, unlisted or bad flights"
     )
-    p.add_argument(
-        "--keep",
-        type=Path,
-        metavar="DIR",
-        help="where flights are kept (default: a temporary folder)",
-    )
-    p.add_argument(
-        "--method",
-        default="ensemble",
-        help="how the declared model is trained on the flights' table",
-    )
-    p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
-    p.add_argument("--timeout", type=float, default=180.0, metavar="S")
-    p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
     p.add_argument("--verbose", action="store_true", help="say which flights are being written")
-    add_option(p)
+    add_options(p, timeout_s=180.0)
     return p
 
 
 def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout: float) -> Row:
     """``replay diagnose`` on one flight, judged."""
-    out = folder / f"{name}.answer.json"
-    out.unlink(missing_ok=True)
-    command = [
-        sys.executable, "-m", "replay", "diagnose", str(folder / f"{name}.tlog"),
-        "--vehicle", str(folder / f"{name}.toml"), "--model", str(model) if truth["model"] == "table" else "none",
-        "--json", str(out), "--quiet",
-    ]  # fmt: skip
-    begun = time.perf_counter()
-    try:
-        done = subprocess.run(
-            command, cwd=REPO, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, check=False,
-            preexec_fn=be_nice,
-        )  # fmt: skip
-        code = done.returncode
-        complaint = done.stderr.strip()
-    except subprocess.TimeoutExpired:
-        code = -1
-        complaint = f"no answer in {timeout:g} s"
-    seconds = time.perf_counter() - begun
-    answer = json.loads(out.read_text()) if code == 0 and out.exists() else None
-    verdict = judge(name, truth, answer, code)
-    if answer is None:
-        note = f"{verdict.note}: {complaint.splitlines()[-1] if complaint else 'silent'}"
-        crashed = "Traceback" in complaint
-        verdict = Judgement(
-            verdict.right and not crashed,
-            verdict.exact and not crashed,
-            (),
-            (),
-            note,
-            verdict.rms_ratio,
+    declared = model if truth["model"] == "table" else None
+    asked = diagnose(folder / name, declared, folder / f"{name}.answer.json", timeout)
+    verdict = judge(name, truth, asked.answer, asked.exit_code)
+    if asked.answer is None:
+        crashed = "Traceback" in asked.complaint
+        verdict = replace(
+            verdict,
+            right=verdict.right and not crashed,
+            exact=verdict.exact and not crashed,
+            note=f"{verdict.note}: {asked.last_words or 'silent'}",
         )
-    return Row(name, truth["group"], seconds, verdict, truth["size_of_weight"])
+    return Row(name, truth["group"], asked.seconds, verdict, truth["size_of_weight"])
 
 
 def line(row: Row) -> str:
@@ -166,18 +123,23 @@ def line(row: Row) -> str:
     return f"{mark} {row.name:28s} {row.seconds:5.1f} s  rms/oracle {j.rms_ratio:5.2f}  {j.note}"
 
 
+def by_group(rows: list[Row]) -> dict[str, list[Judgement]]:
+    """Judgements of every group."""
+    out: dict[str, list[Judgement]] = {group: [] for group in GROUPS}
+    for row in rows:
+        out[row.group].append(row.judgement)
+    return out
+
+
 def summary(rows: list[Row], *, held_out: bool) -> str:
     """The figures, with Wilson 95 % intervals."""
-    by = {
-        g: [r.judgement for r in rows if r.group == g]
-        for g in ("null", "single", "pair", "unlisted", "bad")
-    }
+    by = by_group(rows)
     effects = by["single"] + by["pair"]
     visible = [
         r.judgement for r in rows if r.group in ("single", "pair") and r.size_of_weight >= GOAL_SIZE
     ]
-    ratios = [j.rms_ratio for j in effects if j.right and j.rms_ratio == j.rms_ratio]
-    blank = [j.rms_ratio for j in by["null"] if j.rms_ratio == j.rms_ratio]
+    ratios = [j.rms_ratio for j in effects if j.right and math.isfinite(j.rms_ratio)]
+    blank = [j.rms_ratio for j in by["null"] if math.isfinite(j.rms_ratio)]
     times = [r.seconds for r in rows]
     lines = [
         f"{len(rows)} simulated flights, {'held-out' if held_out else 'open'} seeds",

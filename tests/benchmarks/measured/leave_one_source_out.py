@@ -18,10 +18,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import command_line
+from diagnosis.one_answer import Asked
 from shares import share
 from tqdm import tqdm
 
-from measured.answers import DATA, Asked, weight_n
+from measured.answers import DATA, weight_n
 from measured.judge import Judgement, judge, judge_refusal
 from measured.known import TABLE, Flight, Known, read
 from measured.settings import parse, used
@@ -162,7 +163,7 @@ def _answers(flight: Flight, data: Path, settings: Sequence[str], kept: Path) ->
 
 def _judged(flight: Flight, known: Known, data: Path, asked: Asked) -> Judgement:
     if asked.answer is None:
-        return judge_refusal(flight, asked.exit_code, asked.complaint)
+        return judge_refusal(flight, asked.exit_code, asked.last_words)
     return judge(flight, known, asked.answer, weight_n(data / flight.vehicle))
 
 

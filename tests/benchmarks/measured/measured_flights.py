@@ -25,12 +25,13 @@ from pathlib import Path
 from typing import Any
 
 import command_line
+from diagnosis.one_answer import Asked
 from diagnosis.reliability import plot, statements, table
 from result_file import add_option, counted, write_result
 from shares import share
 from tqdm import tqdm
 
-from measured.answers import DATA, Asked, ask, declared, weight_n
+from measured.answers import DATA, ask, declared, weight_n
 from measured.changes import CHANGES, changed
 from measured.judge import BEST_FACTOR, Judgement, judge, judge_refusal
 from measured.known import FORCES, KINDS, TABLE, Flight, Known, read, together
@@ -171,7 +172,7 @@ def judged(flight: Flight, known: Known, args: argparse.Namespace) -> Judgement:
     """The judgement of one flight's answer, asked for or kept."""
     asked = _answer(flight, args)
     if asked.answer is None:
-        return judge_refusal(flight, asked.exit_code, asked.complaint, asked.seconds)
+        return judge_refusal(flight, asked.exit_code, asked.last_words, asked.seconds)
     return judge(flight, known, asked.answer, weight_n(args.data / flight.vehicle), asked.seconds)
 
 

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import command_line
-from measured.answers import DATA, Asked, ask
+from diagnosis.one_answer import Asked
+from measured.answers import DATA, ask
 from measured.known import read
 from tqdm import tqdm
 
