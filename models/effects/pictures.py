@@ -111,6 +111,15 @@ def nearest(values: Array) -> float:
     return float("nan")
 
 
+def pull_words(share: float) -> str:
+    """What a wall does that pulls with this share of the thrust, or pushes where it is negative."""
+    if share > 0.0:
+        verb = "pulls"
+    else:
+        verb = "pushes"
+    return f"{verb} with {percent(share)} of the thrust"
+
+
 def percent(share: float) -> str:
     """``9 %``, without sign."""
     if abs(share) < 0.1:

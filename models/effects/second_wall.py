@@ -16,7 +16,7 @@ from models.effects.context import Context, decay
 from models.effects.effect import Effect
 from models.effects.flight_use import FlightUse, Reach
 from models.effects.lacking import where_seen
-from models.effects.pictures import nearest, over_second_wall, percent
+from models.effects.pictures import nearest, over_second_wall, pull_words
 from models.effects.shown import Shown
 
 
@@ -34,11 +34,7 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     d = nearest(ctx.state.second_d_m)
     share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
-    if share > 0.0:
-        verb = "pulls"
-    else:
-        verb = "pushes"
-    return f"at {d:.2f} m the second wall {verb} with {percent(share)} of the thrust"
+    return f"at {d:.2f} m the second wall {pull_words(share)}"
 
 
 EFFECT = Effect(

@@ -18,7 +18,7 @@ from models.effects.coefficient import Coefficient, Shape
 from models.effects.context import Context
 from models.effects.effect import Effect
 from models.effects.flight_use import FlightUse, InFlight
-from models.effects.pictures import more, nearest, over_surfaces, percent
+from models.effects.pictures import more, nearest, over_surfaces, pull_words
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 from models.surface_map import (
@@ -132,14 +132,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
         )
     if np.isfinite(d):
         was, found = at("pull", np.inf, d)
-        if found > 0.0:
-            verb = "pulls"
-        else:
-            verb = "pushes"
-        parts.append(
-            f"at {d:.2f} m the wall {verb} with {percent(found)} of the thrust, by the model "
-            f"{100.0 * was:.2g} %"
-        )
+        parts.append(f"at {d:.2f} m the wall {pull_words(found)}, by the model {100.0 * was:.2g} %")
     return "; ".join(parts)
 
 

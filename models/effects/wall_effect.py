@@ -18,7 +18,7 @@ from models.effects.context import Context, decay
 from models.effects.effect import Effect
 from models.effects.flight_use import FlightUse, Reach
 from models.effects.lacking import where_seen
-from models.effects.pictures import nearest, over_first_wall, percent
+from models.effects.pictures import nearest, over_first_wall, pull_words
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
@@ -32,11 +32,7 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     d = nearest(ctx.state.d_m)
     share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
-    if share > 0.0:
-        verb = "pulls"
-    else:
-        verb = "pushes"
-    said = f"at {d:.2f} m the wall {verb} with {percent(share)} of the thrust"
+    said = f"at {d:.2f} m the wall {pull_words(share)}"
     if ctx.vehicle.mass_assumed:
         return said
     return f"{said} ({abs(share) * ctx.weight:.2g} N)"

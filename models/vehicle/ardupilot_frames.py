@@ -152,15 +152,15 @@ def said_before_3_5(
     """What FRAME of ArduCopter before 3.5 says, for a vehicle of ``count`` motors; None without FRAME or a class."""
     if "FRAME" not in parameters:
         return None
-    told = class_of_text(texts)
-    frame_class = told or {3: TRI, 4: QUAD, 6: HEXA, 8: OCTA}.get(count or 0)
+    class_said = class_of_text(texts)
+    frame_class = class_said or {3: TRI, 4: QUAD, 6: HEXA, 8: OCTA}.get(count or 0)
     if frame_class not in _OLD:
         return None
     value = int(parameters["FRAME"])
-    if told is None and frame_class == HEXA and value in _OLD[Y6][0]:
+    if class_said is None and frame_class == HEXA and value in _OLD[Y6][0]:
         frame_class = Y6
     names, other = _OLD[frame_class]
-    sure = told is not None or frame_class in (*_ALONE_ON_OLD, Y6)
+    sure = class_said is not None or frame_class in (*_ALONE_ON_OLD, Y6)
     twin = {HEXA: "a Y6", OCTA: "an octaquad"}.get(frame_class)
     return SaidFrame(
         said=f"FRAME {value}",

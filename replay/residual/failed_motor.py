@@ -310,7 +310,7 @@ def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -
     level_a = signals.measured[before].mean(axis=0)
     level_m = signals.declared[before].mean(axis=0)
     moved = signals.measured[after] - level_a
-    asked = signals.declared[after] - level_m
+    demanded = signals.declared[after] - level_m
     faster = np.linalg.norm(signals.velocity[after] - signals.velocity[before].mean(axis=0), axis=1)
     ramp = np.ones(len(after))
     ramp[: len(RAMP)] = RAMP
@@ -323,7 +323,7 @@ def _after(signals: _Signals, noise: _Noise, start: int, begin: int, end: int) -
     var = var + (drift[:, None] * noise.slow) ** 2
     return _After(
         rows=after,
-        left=moved[None] - _BY_AXIS[:, None] * asked[None],
+        left=moved[None] - _BY_AXIS[:, None] * demanded[None],
         var=var,
         slow=noise.slow**2 + COMMON**2 + (BY_SPEED * float(np.sqrt((faster**2).mean()))) ** 2,
         earlier=_before(signals, noise, before, level_a, level_m),
@@ -405,8 +405,8 @@ def _before(
 ) -> Array:
     """Log likelihood (gains,) of the rows before a beginning, about their own mean."""
     moved = signals.measured[rows] - level_a
-    asked = signals.declared[rows] - level_m
-    left = moved[None] - _BY_AXIS[:, None] * asked[None]
+    demanded = signals.declared[rows] - level_m
+    left = moved[None] - _BY_AXIS[:, None] * demanded[None]
     var = noise.fast**2 + signals.doubt[rows] ** 2
     return _evidence(left, var, noise.slow**2)
 
@@ -506,8 +506,8 @@ def _about(signals: _Signals, noise: _Noise, prior: Array, begins: Sequence[int]
     struck = _sum(np.array([compared.struck for compared in found]))
     other = max(pushed, struck)
     windows = max(signals.flying.sum() * signals.step_s / AFTER_S, 1.0)
-    soon = begins[-1] + round(AFTER_S / signals.step_s)
-    falls = signals.over[begins[0] : min(end, soon) + 1].any()
+    shortly_after = begins[-1] + round(AFTER_S / signals.step_s)
+    falls = signals.over[begins[0] : min(end, shortly_after) + 1].any()
     rare = float(np.log(CHANCE_OF_FALL if falls else CHANCE / windows))
     order = np.argsort(by_fan)[::-1]
     first = int(order[0])

@@ -39,7 +39,7 @@ USUALLY_STILL_DEG = 0.1
 CALM_DEG = 0.3
 """Spread of roll and pitch within a window: below that of any window of a flight (0.07 degrees); of half of a flight's
 windows (0.15); and of one that thrust leaves alone, or of any in a run that rests."""
-ASKED_SHARE = 0.1
+EXCITED_SHARE = 0.1
 UNANSWERED = 0.2
 """Spread of lift over its size from which on a vehicle must answer, and share of it that is felt below which it does
 not. A window of a calm flight answers with 0.46 and more, most windows of the others with 0.36 and more."""
@@ -81,7 +81,7 @@ class _Answer:
     """What some samples show: spread of the attitude [deg] and of lift, share of the latter that is felt, speed."""
 
     tilt_deg: float
-    asked: float
+    lift_spread: float
     felt: float
     speed: float
     risen: float
@@ -89,13 +89,13 @@ class _Answer:
     @property
     def flies(self) -> bool:
         """Whether the vehicle surely flies."""
-        answers = self.asked > MOVES_SHARE and self.felt > ANSWERED
+        answers = self.lift_spread > MOVES_SHARE and self.felt > ANSWERED
         return answers or self.speed > CRUISE_M_S or self.risen > RISEN_M
 
     @property
     def ignores_lift(self) -> bool:
         """Whether lift changes by much, and nothing comes of it."""
-        return self.asked > ASKED_SHARE and self.felt < UNANSWERED
+        return self.lift_spread > EXCITED_SHARE and self.felt < UNANSWERED
 
 
 def held_down(ctx: Context, motion: Trajectory) -> tuple[Mask, Mask]:
@@ -164,14 +164,14 @@ def _held(seen: _Seen) -> Mask:
     for run in runs:
         windows += _windows(seen, run)
     answers = [_answer(seen, window) for window in windows]
-    asked = np.zeros(len(seen.t))
+    judged = np.zeros(len(seen.t))
     said = np.zeros(len(seen.t))
     for window, answer in zip(windows, answers, strict=True):
         still = answer.tilt_deg < STILL_DEG
         calm = answer.tilt_deg < CALM_DEG
-        asked[window] += 1.0
+        judged[window] += 1.0
         said[window] += not answer.flies and (still or (calm and answer.ignores_lift))
-    held = (said > 0.0) & (2.0 * said >= asked)
+    held = (said > 0.0) & (2.0 * said >= judged)
     for group in _groups(seen, runs):
         if _all_held(seen, group, windows, answers):
             held[np.concatenate(group)] = True
@@ -228,8 +228,8 @@ def _answer(seen: _Seen, rows: Array) -> _Answer:
         spread = float(np.hypot(*tilt[known].std(axis=0)))
     else:
         spread = np.inf
-    asked, felt = _felt_share(seen, rows[seen.settled[rows]])
-    return _Answer(spread, asked, felt, _usual(seen.speed[rows]), _usual(seen.risen[rows]))
+    lift_spread, felt = _felt_share(seen, rows[seen.settled[rows]])
+    return _Answer(spread, lift_spread, felt, _usual(seen.speed[rows]), _usual(seen.risen[rows]))
 
 
 def _usual(values: Array) -> float:

@@ -24,7 +24,7 @@ FAST_SHARE = 1.25
 FOLLOWS = (0.7, 1.3)
 """Within which the others do."""
 LAG_S = 0.06
-LEAST_ASKED = 0.35
+LEAST_EXPECTED = 0.35
 """A motor's lag; and the least speed, over the usual, at which a ratio is formed."""
 LASTS_S = 0.2
 """Time from which on it counts: three telegrams of an ESC at 10 to 25 Hz, slower than any motor's lag."""
@@ -76,9 +76,9 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
         return None
     law = np.polyfit(outputs[turning].ravel(), rpm[turning].ravel() ** 2, 2)
     squared = np.polyval(law, outputs)
-    asked = _lagged(np.sqrt(np.maximum(squared, 0.0)), LAG_S * rate)
+    expected = _lagged(np.sqrt(np.maximum(squared, 0.0)), LAG_S * rate)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = rpm / np.maximum(asked, LEAST_ASKED * np.median(rpm[known]))
+        ratio = rpm / np.maximum(expected, LEAST_EXPECTED * np.median(rpm[known]))
     following = np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan)
     ratio = ratio / np.nanmedian(following, axis=0)
     start = int(first[0] + FLOWN_S * rate)

@@ -88,9 +88,9 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     if SAME_SENSOR.get(name) == axis or LEANS.get(name) == axis:
         return None
     vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
-    if name.startswith(REACTIONS[axis]) and not (
-        axis == "Fz" and name in vanes
-    ):  # vanes do not change lift
+    # Vanes do not change lift.
+    answers_lift = axis == "Fz" and name in vanes
+    if name.startswith(REACTIONS[axis]) and not answers_lift:
         if axis.startswith("F"):
             return REACTION_ODDS
         return None
@@ -132,7 +132,7 @@ def _of_flights(
 
 def _of_heading(yaw: Array) -> Array:
     """sin and cos of the heading and of twice the heading, (n, 4)."""
-    return np.stack([f(m * yaw) for m in (1, 2) for f in (np.sin, np.cos)], axis=1)
+    return np.stack([np.sin(yaw), np.cos(yaw), np.sin(2 * yaw), np.cos(2 * yaw)], axis=1)
 
 
 def _knots(reach: float, name: str, records: Sequence[Record]) -> list[int]:
@@ -150,20 +150,17 @@ def _of_range(known: Array, even: int) -> Callable[[Array], Array]:
     Ornstein-Uhlenbeck kernel (Rasmussen & Williams 2006, ch. 4).
     """
     low, high = np.quantile(known, [0.01, 0.99])
-    at = np.unique(
-        np.concatenate(
-            [np.linspace(low, high, even), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]
-        )
-    )
+    evenly = np.linspace(low, high, even)
+    by_quantile = np.quantile(known, np.linspace(0.01, 0.99, KNOTS))
+    at = np.union1d(evenly, by_quantile)
     at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]
     distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
     factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
 
     def smooth(v: Array) -> Array:
         x = np.clip(np.where(np.isfinite(v), v, np.median(known)), low, high)
-        return np.asarray(
-            np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1) @ factor
-        )
+        hats = np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1)
+        return np.asarray(hats @ factor)
 
     return smooth
 

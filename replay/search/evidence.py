@@ -52,7 +52,8 @@ KEPT_DESIGNS = 8
 """Sets of which the columns are kept: each is some MiB of a long flight."""
 KEPT_POSTERIORS = 64
 """More than what is screened before the first of it is fitted."""
-NOTHING: Mapping[int, Mask] = {}
+ALL_ROWS_USED: Mapping[int, Mask] = {}
+"""No row of any flight is left out."""
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -138,14 +139,14 @@ class Evidence:
             determinants.append([s.log_determinant(channel.run) for s in self.spectra])
         self._det = np.array(determinants).reshape(-1, len(self.spectra))
         self._counts = np.array([c.count for c in channels])
+        limit = np.array([c.limit for c in channels])[:, None]
         share = np.array([s.slow_share for s in self.spectra])
-        slower = np.maximum(np.array([s.slow_s for s in self.spectra]) / GUST_S, 1.0)
+        slow_s = np.array([s.slow_s for s in self.spectra])
         # The mean of gusts over a longer time is smaller: of what lasts, and is louder, something steady is the cause.
-        unit = LOUDEST * np.array([c.limit for c in channels])[:, None]
-        self._unlikely = 0.5 * (share * slower + 1.0 - share) / unit**2
+        slower = np.maximum(slow_s / GUST_S, 1.0)
+        self._unlikely = 0.5 * (share * slower + 1.0 - share) / (LOUDEST * limit) ** 2
         """Minus the log prior of the noise over its variance, (channels, spectra)."""
-        smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
-        self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
+        self._floor = (FLOOR * limit) ** 2 / np.minimum(share, 1.0 - share)
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
         self._designs: dict[tuple[Term, ...], Design] = {}
         self._posteriors: dict[tuple[tuple[Term, ...], Noise], tuple[Array, Array]] = {}
@@ -169,13 +170,14 @@ class Evidence:
         """Noise by what varies within seconds: beside it, slow effects show that pass for a disturbance."""
         sigma = []
         for channel in self.library.channels:
-            known = (channel.run >= 0).astype(float)
+            residual = channel.rows[0]
+            known = channel.valid.astype(float)
             kernel = np.ones(min(round(QUIET_S / STEP_S), len(known)))
-            mean = np.convolve(channel.rows[0], kernel, "same") / np.maximum(
-                np.convolve(known, kernel, "same"), 1.0
-            )
-            fast = np.where(known > 0, channel.rows[0] - mean, 0.0)
-            sigma.append(float(np.sqrt(fast @ fast / channel.count + (FLOOR * channel.limit) ** 2)))
+            samples = np.maximum(np.convolve(known, kernel, "same"), 1.0)
+            mean = np.convolve(residual, kernel, "same") / samples
+            fast = np.where(channel.valid, residual - mean, 0.0)
+            floor = (FLOOR * channel.limit) ** 2
+            sigma.append(float(np.sqrt(fast @ fast / channel.count + floor)))
         number = [(s.slow_s, s.slow_share) for s in self.spectra].index(QUIET_SPECTRUM)
         return Noise((number,) * len(sigma), tuple(sigma))
 
@@ -208,10 +210,8 @@ class Evidence:
             form = form_variance(u)
             energies = self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
-            if not left or (
-                fresh.spectrum == noise.spectrum
-                and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)
-            ):
+            same = fresh.spectrum == noise.spectrum
+            if not left or (same and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
                 break
             noise = fresh
         evidence, loud = self._laplace(design, b, cov, energies, form)
@@ -256,12 +256,12 @@ class Evidence:
         return -sum(t.log_within for t in terms)
 
     def refit(
-        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING
+        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = ALL_ROWS_USED
     ) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        return Fit(
-            tuple(terms), *self._posterior(self._design(tuple(terms)), noise, left_out), noise
-        )
+        design = self._design(tuple(terms))
+        b, cov = self._posterior(design, noise, left_out)
+        return Fit(terms=design.terms, b=b, cov=cov, noise=noise)
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -277,16 +277,16 @@ class Evidence:
             return out
         screened = sum(len(g.numbers) for g in groups)
         self._solved += TERM_SCREENED_COSTS * screened * len(library.channels)
-        asked = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
+        columns_of_terms = np.unique(np.concatenate([g.columns.ravel() for g in groups]))
         set_columns = self._design(fit.terms).columns
-        x_bias = library.x_bias[:, asked]
+        x_bias = library.x_bias[:, columns_of_terms]
         cross = library.x_bias[:, set_columns].T @ x_bias
         g = library.bias @ x_bias
         channels = list(self._channels(fit.noise))
         for white, variance in channels:
             where = white.channel.where
             beside = np.concatenate([[0], where[set_columns]])
-            gram = white.between(beside, where[asked]) / variance
+            gram = white.between(beside, where[columns_of_terms]) / variance
             g += gram[0]
             cross += gram[1:]
         g = g - fit.b @ cross
@@ -294,17 +294,18 @@ class Evidence:
         for group in groups:
             columns = group.columns
             centre = group.centre
-            at = np.searchsorted(asked, columns)
+            at = np.searchsorted(columns_of_terms, columns)
             bias = x_bias[:, at].transpose(1, 2, 0)
             own = np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2)
             own += bias @ bias.transpose(0, 2, 1)
             for white, variance in channels:
                 own += white.within(white.channel.where[columns]) / variance
             v = g[at] + centre
-            gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(
-                axis=1
-            )
-            out[group.numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            solved = np.linalg.solve(own, v[..., None])[..., 0]
+            v_p_v = (v * solved).sum(axis=1)
+            c_c = (centre**2).sum(axis=1)
+            _, log_det = np.linalg.slogdet(own)
+            out[group.numbers] = 0.5 * (v_p_v - c_c - log_det)
         return out
 
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
@@ -377,9 +378,8 @@ class Evidence:
         The noise is what is left, by the spectrum that is likeliest with its prior.
         """
         variance = self._variance(energies, form)
-        cost = 0.5 * (
-            self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det
-        )
+        density = self._counts[:, None] * np.log(2.0 * np.pi * variance)
+        cost = 0.5 * (density + energies / variance + self._det)
         loud = self._unlikely * variance
         best = np.arange(len(cost)), np.argmin(np.round(TRUST * cost + loud, 6), axis=1)
         value = -float(cost[best].sum())
@@ -392,7 +392,7 @@ class Evidence:
         return value, float(loud[best].sum())
 
     def _posterior(
-        self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING
+        self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = ALL_ROWS_USED
     ) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients; the latest are kept.
 

@@ -96,25 +96,23 @@ class FlightFit:
         """Energy that one effect removes beside the others; of all judged axes, or of some."""
         if key not in self.effects:
             return 0.0
-        return self.energy(self.after + self.effects[key].held_out, axes) - self.energy(
-            self.after, axes
-        )
+        without = self.after + self.effects[key].held_out
+        return self.energy(without, axes) - self.energy(self.after, axes)
 
     def without_axis(self, key: Key, axis: int) -> FlightFit:
         """The same with an effect that does not act on one axis."""
         acting = self.effects[key]
         held_out = np.where(np.arange(6) == axis, 0.0, acting.held_out)
-        less = replace(
-            acting, held_out=held_out, axes=tuple(a for a in acting.axes if a != AXES[axis])
-        )
+        axes = tuple(a for a in acting.axes if a != AXES[axis])
+        less = replace(acting, held_out=held_out, axes=axes)
         return replace(self, effects=self.effects | {key: less})
 
     def energy(self, residual: Array, axes: Sequence[int] | None = None) -> float:
         """Of all judged axes, or of some, in hundredths of the weight."""
-        axes = list(self.record.axes if axes is None else axes)
-        return float(
-            ((residual[self.record.valid] / hundredths(self.record.context))[:, axes] ** 2).sum()
-        )
+        if axes is None:
+            axes = self.record.axes
+        left = residual[self.record.valid] / hundredths(self.record.context)
+        return float((left[:, list(axes)] ** 2).sum())
 
 
 def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
@@ -141,8 +139,8 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     ]
     effects: dict[Key, Acting] = {}
     rest = before
-    for t in best.terms:
-        if t.effect is not None and f in t.places:
+    for t in best.of_effects:
+        if f in t.places:
             effects[t.key], wrench = _acting(library, best, t, f, folds, fold_of)
             rest = rest - wrench
     fit = FlightFit(
@@ -215,21 +213,17 @@ def _confirmed(
     evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]
 ) -> frozenset[Key]:
     """Effects that lower the residual of a flight where they were fitted on the others."""
-    left_out = {
-        fit.index: np.ones(len(fit.record.valid[:: evidence.library.every[fit.index]]), bool)
-    }
-    others = evidence.refit(best.terms, best.noise, left_out)
+    all_of_it = np.ones_like(fit.record.valid[:: evidence.library.every[fit.index]])
+    others = evidence.refit(best.terms, best.noise, {fit.index: all_of_it})
     out = set()
-    for t in (t for t in best.terms if t.effect is not None and fit.index in t.places):
+    for t in best.of_effects:
+        if fit.index not in t.places:
+            continue
         if len(t.places) < 2:
-            good = any(
-                o.effect is not None and o.name == t.name and o.flight != t.flight
-                for o in best.terms
-            )
+            good = any(o.name == t.name and o.flight != t.flight for o in best.of_effects)
         elif t.named.kept:
-            good = _removes(
-                fit, fit.rest + _wrench(evidence, best, t, fit), _wrench(evidence, others, t, fit)
-            )
+            without = fit.rest + _wrench(evidence, best, t, fit)
+            good = _removes(fit, without, _wrench(evidence, others, t, fit))
         else:
             good = _of_day_removes(evidence, best, t, fit) and any(
                 _of_day_removes(evidence, best, t, fits[f]) for f in t.places if f != fit.index
@@ -260,11 +254,10 @@ def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
     The gain sum |r|^2 - |r - w|^2 is above CONFIRM_SHARE sum |r|^2, and above 0 in 97.5 % of DRAWS bootstrap samples of
     its blocks (Künsch 1989, Annals of Statistics 17, 1217).
     """
-    axes = list(fit.record.axes)
-    valid = fit.record.valid
-    left, removed = (
-        (x[valid] / hundredths(fit.record.context))[:, axes] for x in (residual, wrench)
-    )
+    judged = np.ix_(np.flatnonzero(fit.record.valid), np.array(fit.record.axes))
+    unit = hundredths(fit.record.context)
+    left = (residual / unit)[judged]
+    removed = (wrench / unit)[judged]
     gain = (left**2 - (left - removed) ** 2).sum(axis=1)
     count = max(int(fit.record.seconds / CONFIRM_BLOCK_S), 2)
     blocks = np.array([part.sum() for part in np.array_split(gain, count)])

@@ -16,7 +16,7 @@ from replay.residual.record import Record
 from replay.search.beginnings import NONE_S, log_chance, times_of
 from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
 from replay.search.curves import ATTITUDE, Curve, curves
-from replay.search.noise_spectra import runs
+from replay.search.noise_spectra import valid_before
 from replay.search.terms import (
     STEP_S,
     Key,
@@ -345,7 +345,7 @@ class Library:
         every = self.every[f]
         residual = np.nan_to_num(record.residual[::every, a])
         return ResidualChannel(
-            f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a]
+            f, a, residual, valid_before(record.valid[::every]), hundredths(record.context)[a]
         )
 
     def _add_trim(self) -> Columns:

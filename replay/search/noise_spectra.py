@@ -73,7 +73,7 @@ def spectra(step_s: float) -> tuple[Spectrum, ...]:
     return tuple(_spectrum(step_s, slow_s, share) for slow_s in SLOW_S for share in SLOW_SHARE)
 
 
-def runs(valid: Mask) -> NDArray[np.int64]:
+def valid_before(valid: Mask) -> NDArray[np.int64]:
     """How many valid samples went directly before (n,); -1 where a sample is not valid."""
     index = np.arange(len(valid))
     broken = np.maximum.accumulate(np.where(valid, -1, index))

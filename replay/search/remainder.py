@@ -66,9 +66,8 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         usual = MAD_TO_SD * float(np.median(np.abs(slow[valid])))
         struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
         if rms > limit:
-            out.append(
-                Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit))
-            )
+            loud = np.abs(slow) > LOUD * limit
+            out.append(Outside(AXES[a], rms, _intervals(record.time_s, loud)))
         elif struck.sum() * record.step_s > SUDDEN_S:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
     known = {o.axis for o in out}
@@ -78,6 +77,7 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
 def beside_surfaces(record: Record, rest: Array) -> list[Outside]:
     """What is left on average beside a surface and not away from all, beyond two standard errors of that mean."""
     out = []
+    limits = hundredths(record.context) * (*[LEVEL_LEFT] * 2, LIFT_LEFT, *[MOMENT_LEFT] * 3)
     masks = regimes(record)
     away, doubt = _away(record, rest, masks["far"])
     for name in SURFACES:
@@ -86,15 +86,12 @@ def beside_surfaces(record: Record, rest: Array) -> list[Outside]:
         if seconds < LEAST_S:
             continue
         for a in record.axes:
-            limit = hundredths(record.context)[a] * (
-                LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT
-            )
+            limit = limits[a]
             mean = rest[mask, a].mean() - away[a]
             error = np.hypot(_standard_error(rest[mask, a], seconds), doubt[a])
             if abs(mean) > limit + 2.0 * error:
-                out.append(
-                    Outside(AXES[a], float(abs(mean)), _intervals(record.time_s, mask), name)
-                )
+                when = _intervals(record.time_s, mask)
+                out.append(Outside(AXES[a], float(abs(mean)), when, name))
     return out
 
 
@@ -120,11 +117,9 @@ def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:
     breaks = np.flatnonzero(np.diff(time_s[index]) > JOIN_S)
     starts = np.concatenate([[0], breaks + 1])
     ends = np.concatenate([breaks, [len(index) - 1]])
-    spans = [
-        (float(time_s[index[s]]), float(time_s[index[e]]))
-        for s, e in zip(starts, ends, strict=True)
-    ]
-    longest = sorted((s for s in spans if s[1] - s[0] >= SHORTEST_S), key=lambda s: s[0] - s[1])[
-        :MOST
-    ]
-    return tuple(sorted(longest))
+    spans = []
+    for start_s, end_s in zip(time_s[index[starts]], time_s[index[ends]], strict=True):
+        if end_s - start_s >= SHORTEST_S:
+            spans.append((float(start_s), float(end_s)))
+    spans.sort(key=lambda span: span[0] - span[1])
+    return tuple(sorted(spans[:MOST]))

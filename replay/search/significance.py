@@ -65,7 +65,7 @@ class Contributions:
                 acting[part] *= term.main
         return design.times(np.where(design.of_term, acting, 0.0))
 
-    def own(self, asked: Sequence[int]) -> list[Array]:
+    def own(self, numbers: Sequence[int]) -> list[Array]:
         """What no other term would take over, of the terms with these numbers.
 
         The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
@@ -76,8 +76,8 @@ class Contributions:
         usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
         low = np.minimum(self._b, centre - usual)
         high = np.maximum(self._b, centre + usual)
-        lost = np.empty((len(asked), len(centre)))
-        for i, number in enumerate(asked):
+        lost = np.empty((len(numbers), len(centre)))
+        for i, number in enumerate(numbers):
             term = design.terms[number]
             gone = design.edges[number] + np.flatnonzero((term.main > 0.0) | term.form)
             own = np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
@@ -132,7 +132,7 @@ def cancelled(u: Contributions) -> float:
     return float(np.sqrt(worst))
 
 
-def standing(u: Contributions, parts: Sequence[Array], asked: Sequence[int]) -> Array:
+def standing(u: Contributions, parts: Sequence[Array], numbers: Sequence[int]) -> Array:
     """How far terms with these numbers stand out by ``parts`` of what they do: from 1 on, a name.
 
     z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN). In hundredths of the weight: T the top of what a
@@ -142,11 +142,11 @@ def standing(u: Contributions, parts: Sequence[Array], asked: Sequence[int]) -> 
     library = u.design.library
     form = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
     slow = np.concatenate(list(map(slow_rms, u.rest, library.flights)))
-    beside = (form.sum(axis=0) - form + slow**2)[asked]
-    large = np.minimum(sizes[asked] / np.sqrt(1.0 + beside), tops(u, u.own(asked)) / OWN)
+    beside = (form.sum(axis=0) - form + slow**2)[numbers]
+    large = np.minimum(sizes[numbers] / np.sqrt(1.0 + beside), tops(u, u.own(numbers)) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
     force = np.array([c.axis < 3 for c in library.channels])
-    for row, number in zip(large, asked, strict=True):
+    for row, number in zip(large, numbers, strict=True):
         effect = u.design.terms[number].effect
         if effect is not None and effect.search.needs_moments:
             row[force] = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replay.search.channel import ResidualChannel, Whitened
-from replay.search.noise_spectra import runs, spectra
+from replay.search.noise_spectra import spectra, valid_before
 from replay.search.terms import STEP_S
 
 SAMPLES = 80
@@ -21,7 +21,7 @@ def rng() -> np.random.Generator:
 def made(rng: np.random.Generator, *widths: int) -> ResidualChannel:
     """A channel with a gap and blocks of so many columns; column 0 does not act."""
     valid = np.arange(SAMPLES) % 31 > 2
-    channel = ResidualChannel(0, 2, rng.standard_normal(SAMPLES), runs(valid), 1.0)
+    channel = ResidualChannel(0, 2, rng.standard_normal(SAMPLES), valid_before(valid), 1.0)
     first = 1
     for width in widths:
         channel.add(np.arange(first, first + width), rng.standard_normal((SAMPLES, width)))

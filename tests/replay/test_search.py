@@ -26,7 +26,7 @@ from replay.search.curves import LEANS, curves
 from replay.search.estimates import IntervalEstimate
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Design, Library
-from replay.search.noise_spectra import runs, spectra, whitened_energies
+from replay.search.noise_spectra import spectra, valid_before, whitened_energies
 from replay.search.posterior import canonical
 from replay.search.regimes import regimes
 from replay.search.remainder import beside_surfaces, outside
@@ -163,7 +163,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     x = np.stack([coloured(rng, 4000, 1.0, 0.2) for _ in range(2)], axis=1)
     valid = np.ones(4000, bool)
     valid[1000:1100] = valid[2003] = False
-    run = runs(valid)
+    run = valid_before(valid)
     assert run[1100] == 0
     assert run[2004] == 0
     bank = spectra(0.2)
