@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS
 from companion.mavlink.wire_frames import pack
-from models.common.frames import GRAVITY
+from models.common.frames import GRAVITY, Array
 from models.dataset import HEADER, DataSet
 
 EPOCH_US = 1_767_225_600_000_000
@@ -169,60 +170,88 @@ def quad_flight(
     ``gust_n`` is a steady push to the north, ``parked`` stands still with its rotors stopped, ``landed`` lets the
     autopilot say that it stands on the ground, ``nan_share`` of the IMU samples and attitudes are NaN. Simulated.
     """
+    flown = _fly_quad(seconds, rate_hz, mass_kg, gust_n, parked=parked)
     rng = np.random.default_rng(seed)
-    t = np.arange(round(seconds * rate_hz)) / rate_hz
-    fly = 0.0 if parked else 1.0
-    heave = fly * (0.8 * np.sin(0.9 * t) + 0.5 * np.sin(1.7 * t + 1.0))
-    climb = fly * -(0.8 / 0.9 * np.cos(0.9 * t) + 0.5 / 1.7 * np.cos(1.7 * t + 1.0))
-    yaw = np.angle(np.exp(1j * fly * 0.2 * t))
-    thrust = fly * mass_kg * (GRAVITY + heave)
-    per_rpm2 = 4 * QUAD_CT * 1.225 * math.pi * QUAD_RADIUS_M**4 * (2 * math.pi / 60) ** 2
-    speed = np.sqrt(thrust / per_rpm2)
-    north = gust_n / mass_kg
-    force = np.stack([north * np.cos(yaw), -north * np.sin(yaw), -(GRAVITY + heave)], axis=-1)
-    force = np.clip(force + 0.1 * rng.standard_normal((len(t), 3)), -clip_m_s2, clip_m_s2)
-    rates = np.stack([0 * t, 0 * t, fly * 0.2 + 0 * t], axis=-1) + 0.002 * rng.standard_normal(
-        (len(t), 3)
-    )
-    lost = rng.random(len(t)) < nan_share
+    noise = 0.1 * rng.standard_normal((len(flown.t), 3))
+    force = np.clip(flown.force + noise, -clip_m_s2, clip_m_s2)
+    rates = flown.rates + 0.002 * rng.standard_normal((len(flown.t), 3))
+    lost = rng.random(len(flown.t)) < nan_share
     force[lost] = np.nan
     rates[lost] = np.nan
+    measured = replace(flown, force=force, rates=rates)
     out: list[tuple[int, bytes]] = []
-    for k, at in enumerate(t.tolist()):
-        ms = start_ms + round(1e3 * at)
-        us = start_ms * 1000 + round(1e6 * at)
-        place = (ms, 0.0, 0.0, -20.0, 0.0, 0.0, -float(climb[k]))
-        pwm = round(1100 + 800 * float(thrust[k]) / (2 * mass_kg * GRAVITY)) if fly else 1000
-        messages = [
-            mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, float(yaw[k]), *rates[k].tolist()),
-            mavlink.MAVLink_local_position_ned_message(*place),
-        ]
-        if imu:
-            numbers = (*force[k].tolist(), *rates[k].tolist())
-            messages.append(mavlink.MAVLink_highres_imu_message(us, *numbers, *[0] * 7, 63))
-        if servo:
-            messages.append(
-                mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, *[pwm] * 4, *[0] * 12)
-            )
-        if rpm:
-            telemetry = (
-                [40] * 4,
-                [1600] * 4,
-                [500] * 4,
-                [0] * 4,
-                [round(float(speed[k]))] * 4,
-                [k % 65536] * 4,
-            )
-            messages.append(mavlink.MAVLink_esc_telemetry_1_to_4_message(*telemetry))
+    for k, at in enumerate(flown.t.tolist()):
+        boot_us = start_ms * 1000 + round(1e6 * at)
+        boot_ms = start_ms + round(1e3 * at)
+        messages = _quad_messages(measured, k, boot_ms, boot_us, imu=imu, servo=servo, rpm=rpm)
         if k % rate_hz == 0:
             messages.append(heartbeat(kind=kind))
             if landed:
                 messages.append(mavlink.MAVLink_extended_sys_state_message(0, 1))
         arrival = arrival_us + round(at * 1e6) + 2000
-        out += [
-            (arrival + i, frame(message, system, 1, (8 * k + i) % 256))
-            for i, message in enumerate(messages)
-        ]
+        for i, message in enumerate(messages):
+            out.append((arrival + i, frame(message, system, 1, (8 * k + i) % 256)))
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Quad:
+    """A flight of the shipped quadrotor; (n,), force and rates (n, 3)."""
+
+    t: Array
+    yaw: Array
+    climb: Array
+    force: Array
+    rates: Array
+    rpm: Array
+    pwm: Array
+
+
+def _fly_quad(
+    seconds: float, rate_hz: int, mass_kg: float, gust_n: float, *, parked: bool
+) -> _Quad:
+    """Climbs and sinks, turns slowly."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    fly = 0.0 if parked else 1.0
+    heave = fly * (0.8 * np.sin(0.9 * t) + 0.5 * np.sin(1.7 * t + 1.0))
+    climb = fly * -(0.8 / 0.9 * np.cos(0.9 * t) + 0.5 / 1.7 * np.cos(1.7 * t + 1.0))
+    yaw = np.angle(np.exp(1j * fly * 0.2 * t))
+    lift = GRAVITY + heave
+    thrust = fly * mass_kg * lift
+    per_rpm2 = 4 * QUAD_CT * 1.225 * math.pi * QUAD_RADIUS_M**4 * (2 * math.pi / 60) ** 2
+    north = gust_n / mass_kg
+    pwm = 1100 + 800 * thrust / (2 * mass_kg * GRAVITY)
+    return _Quad(
+        t=t,
+        yaw=yaw,
+        climb=climb,
+        force=np.stack([north * np.cos(yaw), -north * np.sin(yaw), -lift], axis=-1),
+        rates=np.stack([0 * t, 0 * t, fly * 0.2 + 0 * t], axis=-1),
+        rpm=np.sqrt(thrust / per_rpm2),
+        pwm=np.full(len(t), 1000.0) if parked else pwm,
+    )
+
+
+def _quad_messages(
+    flown: _Quad, k: int, ms: int, us: int, *, imu: bool, servo: bool, rpm: bool
+) -> list[object]:
+    """What the autopilot sends at one instant."""
+    rates = flown.rates[k].tolist()
+    climb = float(flown.climb[k])
+    out: list[object] = [
+        mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, float(flown.yaw[k]), *rates),
+        mavlink.MAVLink_local_position_ned_message(ms, 0.0, 0.0, -20.0, 0.0, 0.0, -climb),
+    ]
+    if imu:
+        numbers = (*flown.force[k].tolist(), *rates)
+        out.append(mavlink.MAVLink_highres_imu_message(us, *numbers, *[0] * 7, 63))
+    if servo:
+        pwm = [round(float(flown.pwm[k]))] * 4
+        out.append(mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, *pwm, *[0] * 12))
+    if rpm:
+        speeds = [round(float(flown.rpm[k]))] * 4
+        constant = ([value] * 4 for value in (40, 1600, 500, 0))
+        out.append(mavlink.MAVLink_esc_telemetry_1_to_4_message(*constant, speeds, [k % 65536] * 4))
     return out
 
 

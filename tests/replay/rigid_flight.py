@@ -72,11 +72,8 @@ def logged(
     """A log of it: IMU, attitude and position at 100 Hz, speeds at 50 Hz, ranges at 20 Hz, with noise."""
     rng = np.random.default_rng(seed)
     t = 10.0 + motion.t
-    force = (
-        motion.force
-        + 0.05 * rng.standard_normal(motion.force.shape)
-        + np.array([0.04, -0.03, 0.02])
-    )
+    offset = np.array([0.04, -0.03, 0.02])
+    force = motion.force + 0.05 * rng.standard_normal(motion.force.shape) + offset
     gyro = motion.rates + 0.005 * rng.standard_normal(motion.rates.shape)
     attitude = _unit(motion.quaternion + 2e-4 * rng.standard_normal(motion.quaternion.shape))
     velocity = motion.velocity + 0.01 * rng.standard_normal(motion.velocity.shape)
@@ -88,17 +85,17 @@ def logged(
         servo[:, (rotor.esc or rotor.servo or 1) - 1] = np.round(
             1000.0 + 450.0 * motion.speed[every, k] / hover
         )
-    slow = slice(None, None, int(RATE_HZ / RANGE_HZ))
-    rotation = _matrices(motion.quaternion)
-    slant = -motion.position[slow, 2] / rotation[slow, 2, 2] + 0.01 * rng.standard_normal(
-        len(t[slow])
+    escs = {}
+    if vehicle.telemetered:
+        for k, r in enumerate(vehicle.rotors):
+            escs[r.esc or k + 1] = EscRecord(Series(t[every], speed[:, k : k + 1]))
+    imu = ImuRecord(
+        source="HIGHRES_IMU",
+        specific_force=Series(t, force),
+        gyro=Series(t, gyro),
+        force_step=0.0,
+        clipped=0,
     )
-    direction = orientation_direction(25)
-    assert direction is not None
-    beam = Beam(
-        direction, 1, 0, 25, "DISTANCE_SENSOR", Series(t[slow], slant[:, None]), (RangeVerdict.OK,) * len(slant),
-        0.05, 40.0, 0.01, 0.0,
-    )  # fmt: skip
     return FlightLog(
         path=path,
         system=1,
@@ -111,23 +108,32 @@ def logged(
         rates=Series(t, gyro),
         position=Series(t, motion.position),
         velocity=Series(t, velocity),
-        imus=(
-            ImuRecord(
-                source="HIGHRES_IMU",
-                specific_force=Series(t, force),
-                gyro=Series(t, gyro),
-                force_step=0.0,
-                clipped=0,
-            ),
-        ),
-        beams=(beam,),
-        escs={
-            (r.esc or k + 1): EscRecord(Series(t[every], speed[:, k : k + 1]))
-            for k, r in enumerate(vehicle.rotors)
-        }
-        if vehicle.telemetered
-        else {},
+        imus=(imu,),
+        beams=(_down_beam(motion, t, rng),),
+        escs=escs,
         servo=Series(t[every], servo) if outputs else None,
+    )
+
+
+def _down_beam(motion: Motion, t: Array, rng: np.random.Generator) -> Beam:
+    """A rangefinder that looks down."""
+    slow = slice(None, None, int(RATE_HZ / RANGE_HZ))
+    upright = _matrices(motion.quaternion)[slow, 2, 2]
+    slant = -motion.position[slow, 2] / upright + 0.01 * rng.standard_normal(len(t[slow]))
+    direction = orientation_direction(25)
+    assert direction is not None
+    return Beam(
+        direction_frd=direction,
+        component=1,
+        sensor_id=0,
+        orientation=25,
+        source="DISTANCE_SENSOR",
+        distance=Series(t[slow], slant[:, None]),
+        verdicts=(RangeVerdict.OK,) * len(slant),
+        min_m=0.05,
+        max_m=40.0,
+        sigma_m=0.01,
+        step_m=0.0,
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -163,79 +164,115 @@ def frames(
     rng = np.random.default_rng([seed, 13])
     epoch = 1767225600.0 + 1000.0 * (seed % 10000)
     out: list[tuple[float, bytes]] = []
-    rotors = len(craft.spin)
-    per = craft.rotors_per_fan
     euler = _euler(seen.quaternion)
-    pad = [0] * 16
-
-    def send(at_s: float, message: Any, late: float) -> None:
-        when = epoch + at_s + late + float(rng.exponential(0.0006))
-        out.append((when, struct.pack(">Q", int(when * 1e6)) + message.pack(mav)))
 
     kinds = ("imu", "att", "quat", "pos", "servo", "esc", "range", "slow")
     late = dict(zip(kinds, rng.uniform(0.0003, 0.004, len(kinds)), strict=True))
+
+    def send(at_s: float, message: Any, kind: str) -> None:
+        when = epoch + at_s + late[kind] + float(rng.exponential(0.0006))
+        out.append((when, struct.pack(">Q", int(when * 1e6)) + message.pack(mav)))
+
     for k, t in enumerate(seen.time):
         real = seen.boot_s + float(t)
         boot = float(t) - log.reboot_at_s + 3.0 if t >= log.reboot_at_s else real
         if log.reboot_at_s <= t < log.reboot_at_s + 6.0 or boot < 0.0:
             continue  # silent while it starts again
-        ms, us = round(boot * 1e3) % 2**32, round(boot * 1e6)
-        ax, ay, az = seen.accel[k]
-        p, q, r = seen.gyro[k]
+        ms = round(boot * 1e3) % 2**32
+        us = round(boot * 1e6)
+        rates = seen.gyro[k]
         if log.send_imu:
-            send(real, m.MAVLink_highres_imu_message(
-                us, ax, ay, az, p, q, r, 0.21, 0.02, 0.42, seen.pressure[k] / 100.0, 0.0, 0.0, 31.0, 0x1FFF, 0
-            ), late["imu"])  # fmt: skip
-        send(real, m.MAVLink_attitude_message(ms, *euler[k], p, q, r), late["att"])
-        send(
-            real,
-            m.MAVLink_attitude_quaternion_message(ms, *seen.quaternion[k], p, q, r, [0.0] * 4),
-            late["quat"],
-        )
-        pwm = [*np.repeat(seen.pwm[k, : rotors // per], per).astype(int).tolist()]
-        pwm += [0] * (4 - len(pwm)) + seen.pwm[k, rotors // per :].astype(int).tolist()
-        pwm = (pwm + pad)[:16]
-        send(
-            real,
-            m.MAVLink_servo_output_raw_message(us % 2**32, 0, *pwm[:8], *pwm[8:]),
-            late["servo"],
-        )
+            send(real, _imu(m, seen, k, us), "imu")
+        send(real, m.MAVLink_attitude_message(ms, *euler[k], *rates), "att")
+        rotation = (*seen.quaternion[k], *rates)
+        send(real, m.MAVLink_attitude_quaternion_message(ms, *rotation, [0.0] * 4), "quat")
+        outputs = _outputs(craft, seen, k)
+        send(real, m.MAVLink_servo_output_raw_message(us % 2**32, 0, *outputs), "servo")
         if log.send_rpm and k >= seen.rpm_delay:
-            old = k - seen.rpm_delay
-            ampere = max(seen.amperes[k], 0.0) / rotors
-            send(real, m.MAVLink_esc_telemetry_1_to_4_message(
-                [max(round(float(c)), 0) for c in np.repeat(seen.case_c[k], per)],
-                [round(seen.volts[k] * 100)] * 4, [round(ampere * 100)] * 4, [round(ampere * float(t) / 3.6)] * 4,
-                [int(v) for v in seen.rpm[old]], [k % 65536] * 4,
-            ), late["esc"])  # fmt: skip
+            send(real, _esc(m, craft, seen, k), "esc")
         if k % 2 == 0:
-            send(
-                real,
-                m.MAVLink_local_position_ned_message(ms, *seen.position[k], *seen.velocity[k]),
-                late["pos"],
-            )
+            motion = (*seen.position[k], *seen.velocity[k])
+            send(real, m.MAVLink_local_position_ned_message(ms, *motion), "pos")
         if k >= seen.range_delay:
-            for number, sensor in enumerate(sensors):
-                reading = seen.ranges[k - seen.range_delay, number]
-                if not np.isnan(reading):
-                    good = 0.0 < reading < np.inf
-                    cm = 610 if reading == np.inf else round(reading * 100)
-                    send(real, m.MAVLink_distance_sensor_message(
-                        ms, 2, 600, cm, 0, number, sensor.orientation, 1, 0.0, 0.0, [0.0] * 4, 100 if good else 1
-                    ), late["range"])  # fmt: skip
+            for message in _ranges(m, sensors, seen, k, ms):
+                send(real, message, "range")
         if k % 10 == 0:
-            send(real, m.MAVLink_scaled_pressure_message(
-                ms, seen.pressure[k] / 100.0, 0.0, round(seen.air_c[k] * 100), 0
-            ), late["slow"])  # fmt: skip
+            air = (seen.pressure[k] / 100.0, 0.0, round(seen.air_c[k] * 100))
+            send(real, m.MAVLink_scaled_pressure_message(ms, *air, 0), "slow")
         if k % 25 == 0:
-            cells = round(craft.voltage_v / 4.0)
-            cell = round(seen.volts[k] / cells * 1000)
-            send(real, m.MAVLink_battery_status_message(
-                0, 1, 1, 2900, [cell] * cells + [65535] * (10 - cells), round(seen.amperes[k] * 100), -1, -1, 80
-            ), late["slow"])  # fmt: skip
+            send(real, _battery(m, craft, seen, k), "slow")
         if k % 50 == 0:
-            send(real, m.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3), late["slow"])
+            send(real, m.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3), "slow")
     return sorted(out, key=lambda item: item[0])
+
+
+def _imu(m: Any, seen: Sensed, k: int, us: int) -> Any:
+    felt = (*seen.accel[k], *seen.gyro[k])
+    magnetic = (0.21, 0.02, 0.42)
+    air = (seen.pressure[k] / 100.0, 0.0, 0.0, 31.0)
+    return m.MAVLink_highres_imu_message(us, *felt, *magnetic, *air, 0x1FFF, 0)
+
+
+def _outputs(craft: Craft, seen: Sensed, k: int) -> list[int]:
+    """Sixteen pulses: a motor for every rotor, then the vanes, from output 5 on."""
+    per = craft.rotors_per_fan
+    fans = len(craft.spin) // per
+    motors = np.repeat(seen.pwm[k, :fans], per).astype(int).tolist()
+    unused = [0] * (4 - len(motors))
+    vanes = seen.pwm[k, fans:].astype(int).tolist()
+    outputs = [*motors, *unused, *vanes]
+    return [*outputs, *[0] * 16][:16]
+
+
+def _esc(m: Any, craft: Craft, seen: Sensed, k: int) -> Any:
+    cases = np.repeat(seen.case_c[k], craft.rotors_per_fan)
+    ampere = max(seen.amperes[k], 0.0) / len(craft.spin)
+    return m.MAVLink_esc_telemetry_1_to_4_message(
+        temperature=[max(round(float(c)), 0) for c in cases],
+        voltage=[round(seen.volts[k] * 100)] * 4,
+        current=[round(ampere * 100)] * 4,
+        totalcurrent=[round(ampere * float(seen.time[k]) / 3.6)] * 4,
+        rpm=[int(v) for v in seen.rpm[k - seen.rpm_delay]],
+        count=[k % 65536] * 4,
+    )
+
+
+def _ranges(m: Any, sensors: tuple[Ranger, ...], seen: Sensed, k: int, ms: int) -> Iterator[Any]:
+    """What the rangefinders read, as late as they are."""
+    for number, sensor in enumerate(sensors):
+        reading = seen.ranges[k - seen.range_delay, number]
+        if np.isnan(reading):
+            continue
+        yield m.MAVLink_distance_sensor_message(
+            time_boot_ms=ms,
+            min_distance=2,
+            max_distance=600,
+            current_distance=610 if reading == np.inf else round(reading * 100),
+            type=0,
+            id=number,
+            orientation=sensor.orientation,
+            covariance=1,
+            horizontal_fov=0.0,
+            vertical_fov=0.0,
+            quaternion=[0.0] * 4,
+            signal_quality=100 if 0.0 < reading < np.inf else 1,
+        )
+
+
+def _battery(m: Any, craft: Craft, seen: Sensed, k: int) -> Any:
+    cells = round(craft.voltage_v / 4.0)
+    cell_mv = round(seen.volts[k] / cells * 1000)
+    return m.MAVLink_battery_status_message(
+        id=0,
+        battery_function=1,
+        type=1,
+        temperature=2900,
+        voltages=[cell_mv] * cells + [65535] * (10 - cells),
+        current_battery=round(seen.amperes[k] * 100),
+        current_consumed=-1,
+        energy_consumed=-1,
+        battery_remaining=80,
+    )
 
 
 def _euler(q: Array) -> Array:
