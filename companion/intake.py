@@ -22,7 +22,7 @@ from companion.control.wall_guard import level_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.estimates import blank_estimates
-from companion.estimation.felt import feel
+from companion.estimation.felt_motion import feel
 from companion.estimation.wall_drift import corrected
 from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
 from companion.mavlink.firmware import (

@@ -16,7 +16,7 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
-from companion.estimation.felt import UNFELT, Felt, passed
+from companion.estimation.felt_motion import UNFELT, Felt, passed
 from companion.estimation.surfaces import Seen, Surface
 from companion.estimation.vectors import clipped, minus, plus, scaled
 from companion.mavlink.range_beams import dot

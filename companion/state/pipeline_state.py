@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from companion.control.reasons import Notice
 from companion.estimation.estimates import Estimates
-from companion.estimation.felt import UNFELT, Felt
+from companion.estimation.felt_motion import UNFELT, Felt
 from companion.state.air import Air
 from companion.state.heard import Heard
 from companion.state.held import Held

@@ -8,7 +8,7 @@ from dataclasses import replace
 from models.common.frames import GRAVITY
 from models.vehicle import Vehicle
 from replay.search.estimates import IntervalEstimate
-from replay.search.visible import Visible
+from replay.search.least_visible import Visible
 
 _BY_WEIGHT = {"N": "weight", "N m": "weight m", "N/m": "weight/m", "N s/m": "weight s/m"}
 _BY_MASS = {"kg": "weight", "kg m": "weight m", "kg m^2": "weight m^2"}

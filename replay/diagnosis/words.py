@@ -7,8 +7,8 @@ import re
 
 from models.effects import BelongsTo, Effect, InFlight
 from replay.search.estimates import IntervalEstimate
+from replay.search.least_visible import Visible
 from replay.search.results import Found
-from replay.search.visible import Visible
 
 AXIS_WORDS = (
     "force forward",
