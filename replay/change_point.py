@@ -37,10 +37,10 @@ class Step:
     log_odds: float
 
 
-def likeliest(log_odds: Sequence[float], least: float = SURE) -> int | None:
-    """Index of the likeliest place, the first of equal ones; None where its odds are below ``least``."""
+def likeliest(log_odds: Sequence[float]) -> int | None:
+    """Index of the likeliest place, the first of equal ones; None where its odds are below ``SURE``."""
     best = max(range(len(log_odds)), key=log_odds.__getitem__, default=None)
-    if best is None or log_odds[best] < least:
+    if best is None or log_odds[best] < SURE:
         return None
     return best
 

@@ -229,31 +229,30 @@ def distances(
         beam = log.beam(direction)
         if beam is not None:
             ranges[:, i] = beam_reading(beam, t + late_s)
-    height = ground_height(log, vehicle, t, rotation, position, late_s)
-    planes = partial(
-        _planes, log, vehicle, t=t, rotation=rotation, position=position, late_s=late_s
-    )
-    ceilings = planes("ceiling")
-    if height is None:
-        floor = far[:, 0]
-    else:
-        floor = height
-    seen = planes("wall", floor=floor)
-    rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
-    seen += [_carried(plane, t, position) for plane in rings]
     out = {
-        "h_m": far if height is None else fan_heights(vehicle, height, rotation),
-        "ceiling_m": fan_ceilings(
-            vehicle, nearest_level([c.distance_m for c in ceilings]), rotation
-        )
-        if ceilings
-        else far,
+        "h_m": far,
+        "ceiling_m": far,
         "d_m": far,
         "wall_bearing_rad": np.zeros(n),
         "second_d_m": far,
         "second_bearing_rad": np.zeros(n),
         "ranges_m": ranges,
     }
+    floor = far[:, 0]
+    height = ground_height(log, vehicle, t, rotation, position, late_s)
+    if height is not None:
+        floor = height
+        out["h_m"] = fan_heights(vehicle, height, rotation)
+    planes = partial(
+        _planes, log, vehicle, t=t, rotation=rotation, position=position, late_s=late_s
+    )
+    ceilings = planes("ceiling")
+    if ceilings:
+        level = nearest_level([plane.distance_m for plane in ceilings])
+        out["ceiling_m"] = fan_ceilings(vehicle, level, rotation)
+    seen = planes("wall", floor=floor)
+    rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
+    seen += [_carried(plane, t, position) for plane in rings]
     if seen:
         distance = np.stack([w.distance_m for w in seen])
         normal = np.stack([w.normal_ned for w in seen])
