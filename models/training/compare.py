@@ -162,25 +162,20 @@ def _fit(method: str, task: Task, epochs: int, rng: np.random.Generator) -> Regr
 
 def _r2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
     """R^2 by method and component, mean and standard deviation over the splits; None where a component is constant."""
-    out: dict[str, Any] = {method: {axis: {} for axis in AXES} for method in train.METHODS}
+    out: dict[str, dict[str, dict[str, float | None]]] = {}
     for method in train.METHODS:
+        out[method] = {axis: {} for axis in AXES}
         for part, tested in (("train", False), ("test", True)):
-            scores = np.array(
-                [
-                    train.r_squared(
-                        task.problem.y[task.test == tested], answer[task.test == tested]
-                    )
-                    for task, answer in zip(tasks, answers[method], strict=True)
-                    if task.kind == "split"
-                ]
-            )
-            mean = scores.mean(axis=0)
-            sd = spread(scores)
+            scores = []
+            for task, answer in zip(tasks, answers[method], strict=True):
+                if task.kind == "split":
+                    rows = task.test == tested
+                    scores.append(train.r_squared(task.problem.y[rows], answer[rows]))
+            mean = np.mean(scores, axis=0)
+            sd = spread(np.array(scores))
             for c, axis in enumerate(AXES):
-                out[method][axis] |= {
-                    part: train.defined(mean[c]),
-                    f"{part}_sd": train.defined(sd[c]),
-                }
+                out[method][axis][part] = train.defined(mean[c])
+                out[method][axis][f"{part}_sd"] = train.defined(sd[c])
     return out
 
 
@@ -200,18 +195,11 @@ def _regions(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str,
         y = task.problem.y[task.test]
         size = np.sqrt(np.mean(y**2, axis=0))
         live = size > 1e-9
-        out[task.name] = {
-            "rows": int(task.test.sum()),
-            "relative_error": {
-                m: float(
-                    np.mean(
-                        np.sqrt(np.mean((answers[m][k][task.test] - y) ** 2, axis=0))[live]
-                        / size[live]
-                    )
-                )
-                for m in train.METHODS
-            },
-        }
+        relative = {}
+        for method in train.METHODS:
+            error = np.sqrt(np.mean((answers[method][k][task.test] - y) ** 2, axis=0))
+            relative[method] = float(np.mean(error[live] / size[live]))
+        out[task.name] = {"rows": int(task.test.sum()), "relative_error": relative}
     return out
 
 
@@ -224,14 +212,16 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
     scores = numbers["r2"]
     regions = numbers["regions"].values()
     live = [axis for axis in AXES if next(iter(scores.values()))[axis]["test"] is not None]
-    mean = {m: float(np.mean([row[a]["test"] for a in live])) for m, row in scores.items()}
+    mean = {}
+    for method, row in scores.items():
+        mean[method] = float(np.mean([row[axis]["test"] for axis in live]))
     best = max(mean, key=lambda m: mean[m])
-    sd = float(np.mean([scores[best][a]["test_sd"] or 0.0 for a in live]))
-    outside = {
-        m: float(np.mean([region["relative_error"][m] for region in regions] or [0.0]))
-        for m in mean
-        if mean[m] >= mean[best] - sd
-    }
+    sd = float(np.mean([scores[best][axis]["test_sd"] or 0.0 for axis in live]))
+    outside = {}
+    for method in mean:
+        if mean[method] >= mean[best] - sd:
+            errors = [region["relative_error"][method] for region in regions]
+            outside[method] = float(np.mean(errors or [0.0]))
     chosen = min(outside, key=lambda m: outside[m])
     why = (
         f"held-out R^2 {mean[chosen]:.3f} (best: {best} {mean[best]:.3f}); error over the "
@@ -243,7 +233,13 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
 def text(numbers: Mapping[str, Any]) -> str:
     """The tables in Markdown."""
     scores = numbers["r2"]
-    regions = numbers["regions"]
+    by_axis = {}
+    for axis in AXES:
+        by_axis[axis] = [_mean_sd(row[axis]) for row in scores.values()]
+    by_region = {}
+    for name, region in numbers["regions"].items():
+        errors = [f"{region['relative_error'][method]:.3f}" for method in scores]
+        by_region[name] = [str(region["rows"]), *errors]
     lines = [
         f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed "
         f"{numbers['seed']}, {numbers['splits']} splits by place, {numbers['epochs']} epochs, "
@@ -254,19 +250,11 @@ def text(numbers: Mapping[str, Any]) -> str:
         "",
         "Held-out R^2 of the increments, mean +- sd over splits, nothing chosen on test rows.",
         "",
-        *_rows(
-            tuple(scores), {axis: [_mean_sd(row[axis]) for row in scores.values()] for axis in AXES}
-        ),
+        *_rows(tuple(scores), by_axis),
         "",
         "Regions left out whole: error over the increments' RMS there (1 = as bad as no model).",
         "",
-        *_rows(
-            ("rows", *scores),
-            {
-                n: [str(r["rows"]), *(f"{r['relative_error'][m]:.3f}" for m in scores)]
-                for n, r in regions.items()
-            },
-        ),
+        *_rows(("rows", *scores), by_region),
     ]
     return "\n".join(lines)
 
@@ -274,9 +262,10 @@ def text(numbers: Mapping[str, Any]) -> str:
 def _mean_sd(cell: Mapping[str, Any]) -> str:
     if cell["test"] is None:
         return "constant"
-    return f"{cell['test']:.4f}" + (
-        f" +- {cell['test_sd']:.4f}" if cell["test_sd"] is not None else ""
-    )
+    mean = f"{cell['test']:.4f}"
+    if cell["test_sd"] is None:
+        return mean
+    return f"{mean} +- {cell['test_sd']:.4f}"
 
 
 def _rows(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> list[str]:

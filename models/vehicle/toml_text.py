@@ -17,15 +17,18 @@ def vehicle_text(vehicle: Vehicle, origin: Mapping[str, str] | None = None, head
     """TOML that ``load_vehicle`` reads back as ``vehicle``. ``origin``: comments by key, ``{"ct": "a guess"}``."""
     said = {"assumed": "typical numbers; take out what you measured", **(origin or {})}
     lines = [f"# {line}" for line in head.splitlines()] + _keys(vehicle, said)
-    tables: list[tuple[str, Any, Mapping[str, str]]] = [
-        *(("[[fan]]", fan, {} if k else said) for k, fan in enumerate(vehicle.fans)),
-        *(("[[vane]]", vane, {}) for vane in vehicle.vanes),
-        *([("[throttle]", vehicle.throttle, said)] if vehicle.throttle is not None else []),
-        *(("[[rangefinder]]", sensor, {}) for sensor in vehicle.rangefinders),
-        ("[limits]", vehicle.limits, said),
-    ]
-    for name, table, notes in tables:
-        lines += ["", name, *_keys(table, notes)]
+    # Every fan has the numbers of the first.
+    notes = said
+    for fan in vehicle.fans:
+        lines += ["", "[[fan]]", *_keys(fan, notes)]
+        notes = {}
+    for vane in vehicle.vanes:
+        lines += ["", "[[vane]]", *_keys(vane, {})]
+    if vehicle.throttle is not None:
+        lines += ["", "[throttle]", *_keys(vehicle.throttle, said)]
+    for sensor in vehicle.rangefinders:
+        lines += ["", "[[rangefinder]]", *_keys(sensor, {})]
+    lines += ["", "[limits]", *_keys(vehicle.limits, said)]
     return "\n".join(lines) + "\n"
 
 
@@ -36,9 +39,10 @@ def _keys(table: Any, said: Mapping[str, str]) -> list[str]:
     for f in fields(table):
         value = getattr(table, f.name)
         if f.name not in _TABLES and (f.name in required or value != f.default):
-            out.append(
-                f"{f.name} = {_value(value)}" + (f"  # {said[f.name]}" if f.name in said else "")
-            )
+            line = f"{f.name} = {_value(value)}"
+            if f.name in said:
+                line += f"  # {said[f.name]}"
+            out.append(line)
     return out
 
 
@@ -53,7 +57,8 @@ def _value(value: Any) -> str:
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else " " for c in escaped) + '"'
+        printed = "".join(c if c.isprintable() else " " for c in escaped)
+        return f'"{printed}"'
     if isinstance(value, int):
         return str(value)
     return repr(float(value))
