@@ -26,12 +26,21 @@ _BICOPTER = "a bicopter"
 _SIX_AXES = "a vehicle with rotors in all directions"
 
 _MAV_TYPES = {
-    1: _AEROPLANE, 3: "a coaxial helicopter", 4: _HELICOPTER, 5: _TRACKER, 7: _AIRSHIP, 8: "a "
-                                                                                           "balloon", 9: "a "
-                                                                                                         "rocket",
-    10: _ROVER, 11: _BOAT, 12: _SUBMARINE, 16: "a flapping-wing aircraft", 17: "a kite",
-    **dict.fromkeys(range(19, 26), _VTOL), 28: "a parafoil",
-}  # fmt: skip
+    1: _AEROPLANE,
+    3: "a coaxial helicopter",
+    4: _HELICOPTER,
+    5: _TRACKER,
+    7: _AIRSHIP,
+    8: "a balloon",
+    9: "a rocket",
+    10: _ROVER,
+    11: _BOAT,
+    12: _SUBMARINE,
+    16: "a flapping-wing aircraft",
+    17: "a kite",
+    28: "a parafoil",
+    **dict.fromkeys(range(19, 26), _VTOL),
+}
 _FRAME_CLASSES = {
     **dict.fromkeys((6, 11, 13), _HELICOPTER),
     8: _SINGLE,
@@ -41,9 +50,13 @@ _FRAME_CLASSES = {
 }
 _ROVER_CLASSES = {2: _BOAT, 3: "a balance bot"}
 _CA_AIRFRAMES = {
-    1: _AEROPLANE, **dict.fromkeys((2, 3, 4), _VTOL), **dict.fromkeys((5, 6, 13), _ROVER), 7: _SUBMARINE,
-    **dict.fromkeys((10, 11, 12), _HELICOPTER), 14: _SPACECRAFT, 15: _SPACECRAFT,
-}  # fmt: skip
+    1: _AEROPLANE,
+    7: _SUBMARINE,
+    **dict.fromkeys((2, 3, 4), _VTOL),
+    **dict.fromkeys((5, 6, 13), _ROVER),
+    **dict.fromkeys((10, 11, 12), _HELICOPTER),
+    **dict.fromkeys((14, 15), _SPACECRAFT),
+}
 _AUTOSTART_RANGES = {
     2: _AEROPLANE,
     3: "a flying wing",
