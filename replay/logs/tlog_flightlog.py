@@ -351,19 +351,17 @@ class _Boot:
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
-                add(
-                    first + slot,
-                    table,
-                    slot,
-                    _OF_ESC,
-                    _fresh(table["count"][:, slot], table["rpm"][:, slot]),
-                )
+                fresh = _fresh(table["count"][:, slot], table["rpm"][:, slot])
+                add(first + slot, table, slot, _OF_ESC, fresh)
         for kind, name in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
             table = self._table(kind)
             for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
                 own = table["index"] == first
-                known = table[name][own, slot]
-                if (np.isfinite(known) if kind == "ESC_INFO" else np.nan_to_num(known)).any():
+                known = np.isfinite(table[name][own, slot])
+                if kind == "ESC_STATUS":
+                    # A speed of 0 is also what an ESC that is not there has.
+                    known &= table[name][own, slot] != 0.0
+                if known.any():
                     add(int(first) + slot + 1, table, slot, (name,), own)
         if not any(name == "rpm" for _, name in found):
             # RAW_RPM and RPM: rotor sensors by number, where no ESC reports a speed.
@@ -375,11 +373,12 @@ class _Boot:
                 rows = pair["rpm"][:, slot] >= 0.0
                 if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
                     add(slot + 1, pair, slot, ("rpm",), rows)
-        numbers = sorted({esc for esc, _ in found})  # one may report its temperature and no speed
-        return {
-            esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC))
-            for esc in numbers
-        }
+        out = {}
+        # One may report its temperature and no speed.
+        for esc in sorted({esc for esc, _ in found}):
+            columns_of_esc = [_joined(found.get((esc, name), [])) for name in _OF_ESC]
+            out[esc] = EscRecord(*columns_of_esc)
+        return out
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")
