@@ -6,15 +6,12 @@ import argparse
 import math
 import os
 import sys
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-from tqdm import tqdm
 
 from models.common.arguments import installed_version, speaks
 from models.common.errors import ConfigError, LogError
@@ -29,9 +26,8 @@ from replay.fleet.store import NAME, Store
 from replay.fleet.vehicles import Assigned, assign, named
 from replay.fleet.workers import USABLE_BYTES, Place
 from replay.pipeline_options import LOG_MINUTES
+from replay.progress import Progress
 
-SAY_EVERY_S = 30.0
-"""Between two lines of a run whose output is redirected."""
 _NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
 """Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
 _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
@@ -194,6 +190,7 @@ def _assigned(
         out=out.resolve(),
         store=store,
         place=_place(a),
+        quiet=a.quiet,
     )
 
 
@@ -232,8 +229,9 @@ def _answers(
     told = len(jobs) - len(waiting)
     if told and speaks(a):
         print(f"{len(jobs)} logs, {told} of them known from before")
+    progress = Progress(what="logs", total=len(jobs), done=told, quiet=a.quiet)
     working = work(waiting, _place(a))
-    for job, found in _counted(a, working, len(jobs), told):
+    for job, found in progress.counted(working, failed=lambda done: "error" in done[1]):
         answer = dict(found)
         if job.sha256 in drafts and "error" not in answer:
             draft = drafts[job.sha256]
@@ -269,33 +267,6 @@ def _store(a: argparse.Namespace, out: Path) -> Iterator[Store | None]:
         return
     with Store.open(out / NAME, make=True) as store:
         yield store
-
-
-def _counted(
-    a: argparse.Namespace, working: Iterable[tuple[Job, dict[str, Any]]], count: int, done: int
-) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """The same with a progress bar; where the output is redirected, a line now and then."""
-    shown = sys.stderr.isatty() and not a.quiet
-    start = time.monotonic()
-    said = start
-    first = done
-    failed = 0
-    for job, answer in tqdm(
-        working, total=count, initial=done, unit="log", disable=not shown, leave=False
-    ):
-        yield job, answer
-        done += 1
-        failed += "error" in answer
-        now = time.monotonic()
-        if not shown and not a.quiet and now - said > SAY_EVERY_S:
-            said = now
-            left_s = (now - start) / (done - first) * (count - done)
-            print(
-                f"replay: {done} of {count} logs, {failed} failed, about {left_s / 60.0:.0f} min "
-                "left",
-                file=sys.stderr,
-                flush=True,
-            )
 
 
 def _write(a: argparse.Namespace, out: Path, title: str, answers: Answers) -> dict[str, str]:
