@@ -60,29 +60,34 @@ def change_of_sizes(values: Array, sd: Array) -> Step | None:
     whole = _log_likelihood(values, variance + _between(values, variance))
     paid = 1.5 * math.log(count) - math.log(RARE / (1.0 - RARE))
     places = range(SIDE, count - SIDE + 1)
-    spreads = []
     log_odds = []
     for k in places:
-        before = _between(values[:k], variance[:k])
-        after = _between(values[k:], variance[k:])
-        spread = variance + 0.5 * (before + after)
+        spread = _spread(values, variance, k)
         split = _log_likelihood(values[:k], spread[:k]) + _log_likelihood(values[k:], spread[k:])
-        spreads.append(spread)
         log_odds.append(split - whole - paid)
     best = likeliest(log_odds)
     if best is None:
         return None
     k = places[best]
+    spread = _spread(values, variance, k)
     return Step(
         at=k,
-        before=_mean(values[:k], spreads[best][:k]),
-        after=_mean(values[k:], spreads[best][k:]),
+        before=_mean(values[:k], spread[:k]),
+        after=_mean(values[k:], spread[k:]),
         log_odds=log_odds[best],
     )
 
 
+def _spread(values: Array, variance: Array, k: int) -> Array:
+    """Variance of every log, where the size is another one from index ``k`` on."""
+    before = _between(values[:k], variance[:k])
+    after = _between(values[k:], variance[k:])
+    return variance + 0.5 * (before + after)
+
+
 def _mean(y: Array, variance: Array) -> float:
-    return float(np.average(y, weights=1.0 / variance))
+    weight = 1.0 / variance
+    return float((y * weight).sum() / weight.sum())
 
 
 def _log_likelihood(y: Array, variance: Array) -> float:

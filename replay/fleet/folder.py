@@ -21,7 +21,7 @@ from replay.command import check_declared, check_targets, given
 from replay.fleet.contents import contents
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page
-from replay.fleet.results import Answers, keep, known, logs_in, table
+from replay.fleet.results import Answers, keep, known, logs_in, write_table
 from replay.fleet.store import NAME, Store
 from replay.fleet.vehicles import Assigned, assign, named
 from replay.fleet.workers import USABLE_BYTES, Place
@@ -273,6 +273,6 @@ def _write(a: argparse.Namespace, out: Path, title: str, answers: Answers) -> di
     """Table and page of the answers that are there."""
     target = (a.report or out) / "report.html"
     return {
-        "table": str(write_document("--out", out / "table.csv", table(answers))),
+        "table": str(write_table(out / "table.csv", answers)),
         "page": str(write_document("--report", target, page(title, answers))),
     }

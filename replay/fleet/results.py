@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, overload
 
 from models.common.errors import LogError
 from models.common.pages.document import write_document
+from models.common.text_file import make_folder, replaced
 from replay.fleet.jobs import Job
 from replay.logs.formats import known_suffixes
 
@@ -73,11 +72,7 @@ def known(out: Path, job: Job) -> dict[str, Any] | None:
 
 def keep(out: Path, job: Job, answer: dict[str, Any]) -> None:
     """Write an answer; an interruption leaves the whole file or none. Raises ConfigError."""
-    target = _file(out, job)
-    part = write_document(
-        "--out", target.with_suffix(".part"), json.dumps(answer, indent=1, allow_nan=False) + "\n"
-    )
-    os.replace(part, target)
+    write_document("--out", _file(out, job), json.dumps(answer, indent=1, allow_nan=False) + "\n")
 
 
 def _file(out: Path, job: Job) -> Path:
@@ -133,14 +128,21 @@ def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
             yield before + name, inner
 
 
-def table(answers: Sequence[dict[str, Any]]) -> str:
-    """As CSV: a row a log, a column a name, empty where a log lacks it."""
+def write_table(target: Path, answers: Sequence[dict[str, Any]]) -> Path:
+    """As CSV: a row a log, a column a name, empty where a log lacks it; whole, or the old one stays.
+
+    Raises ConfigError.
+    """
     columns: dict[str, None] = {}
     for answer in answers:
         columns |= dict.fromkeys(row(answer))
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
-    writer.writeheader()
-    for answer in answers:
-        writer.writerow(row(answer))
-    return text.getvalue()
+    make_folder("--out", target.parent)
+    with (
+        replaced("--out", target) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+        writer.writeheader()
+        for answer in answers:
+            writer.writerow(row(answer))
+    return target

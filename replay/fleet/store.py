@@ -106,7 +106,9 @@ class Store:
         with self._connection as c:
             c.executemany(f"INSERT OR REPLACE INTO {table} VALUES ({marks})", rows)
 
-    def rows(self, query: str, values: tuple[Any, ...] = ()) -> list[sqlite3.Row]:
+    def rows(
+        self, query: str, values: tuple[Any, ...] | Mapping[str, Any] = ()
+    ) -> list[sqlite3.Row]:
         """What a query finds."""
         return self._connection.execute(query, values).fetchall()
 

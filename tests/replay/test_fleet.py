@@ -19,7 +19,7 @@ from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform, work
 from replay.fleet.page import common_effects
-from replay.fleet.results import Answers, keep, known, logs_in, table
+from replay.fleet.results import Answers, keep, known, logs_in, write_table
 from replay.fleet.workers import Place
 
 DAY_US = 86_400_000_000
@@ -241,12 +241,12 @@ def test_bad_arguments(folder, tmp_path, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 6
 
 
-def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it():
+def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it(tmp_path):
     answers = [
         {"log": "a", "error": "bad"},
         {"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}},
     ]
-    assert table(answers).splitlines() == [
+    assert write_table(tmp_path / "table.csv", answers).read_text().splitlines() == [
         "log,error,duration_s,refusals_s.landed",
         "a,bad,,",
         "b,,2.0,1.0",
@@ -272,7 +272,7 @@ def test_answers_are_read_when_they_are_looked_at(folder, tmp_path):
     assert [a["duration_s"] for a in answers[1:]] == [7.0, 2.0], "none is held in memory"
     (tmp_path / "results" / f"{jobs[2].name}.json").unlink()
     assert answers[2]["error"] == "its answer is gone"
-    assert len(table(answers).splitlines()) == 4
+    assert len(write_table(tmp_path / "table.csv", answers).read_text().splitlines()) == 4
 
 
 def test_dask_does_the_same_work(folder, tmp_path, capsys):
