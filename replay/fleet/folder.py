@@ -118,6 +118,7 @@ def answer_folder(
     with _store(a, out) as store:
         found = contents(paths, store)
         notes = [f"{copy}: is a copy of {first}" for copy, first in found.copies]
+        notes += _forgotten(found.grown, store)
         assigned = _assigned(a, found.logs, out, store)
         notes += assigned.notes
         jobs = _jobs(a, found.logs, options, assigned.files)
@@ -138,6 +139,14 @@ def answer_folder(
         notes=notes,
         written=_write(a, out, title, answers),
     )
+
+
+def _forgotten(grown: Sequence[tuple[Path, str]], store: Store | None) -> list[str]:
+    """Forget what was said of the beginnings of logs, and say so."""
+    if store is not None:
+        for _, sha256 in grown:
+            store.forget(sha256)
+    return [f"{path}: has grown since it was answered: is asked anew" for path, _ in grown]
 
 
 def _jobs(

@@ -25,6 +25,8 @@ _LATEST_US = 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
 _DIGITS = 20
 """Of a hash, in the name of a file."""
+_BLOCK = 1 << 20
+"""Bytes that are read at a time."""
 _MOST_LINES = 20
 """Of an error."""
 
@@ -96,10 +98,16 @@ class Job:
         return None
 
 
-def content_hash(log: Path) -> str:
-    """The sha256 of a file. Raises OSError."""
+def content_hash(log: Path, most: int | None = None) -> str:
+    """The sha256 of a file, or of ``most`` bytes at its start. Raises OSError."""
     with log.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        if most is None:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        digest = hashlib.sha256()
+        while most and (block := file.read(min(most, _BLOCK))):
+            digest.update(block)
+            most -= len(block)
+        return digest.hexdigest()
 
 
 def perform(job: Job) -> dict[str, Any]:

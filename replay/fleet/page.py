@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,8 @@ from replay.rerun.page import lasted, to_mend
 
 _COMMON = 0.5
 """Share of the judged logs from which an effect belongs to the vehicle rather than to single flights."""
+MOST_ROWS = 1000
+"""A page of more opens slowly."""
 _SHOWN = (
     "log",
     "date",
@@ -35,15 +38,17 @@ def page(title: str, found: Sequence[Answer]) -> str:
     good = [a for a in answers if "error" not in a]
     diagnosed = any("verdict" in a for a in answers)
     head, step = _diagnosed(good) if diagnosed else _replayed(good)
+    rows = _latest(answers)
     return render(
         "folder.html",
         title=title,
         head=head,
         verdict=title,
         sentences=[f"Next: {step}"],
-        answers=answers,
-        names=[Path(a["log"]).name for a in answers],
-        good=good,
+        answers=rows,
+        names=_names([a["log"] for a in rows]),
+        count=len(answers),
+        good=len(good),
         length=lasted(sum(a["duration_s"] for a in good)),
         verdicts=Counter(a["verdict"] for a in good).most_common() if diagnosed else [],
         reason=_reason,
@@ -51,6 +56,21 @@ def page(title: str, found: Sequence[Answer]) -> str:
         if diagnosed
         else ("log", "compensated", "main reason for no offset"),
     )
+
+
+def _latest(answers: Sequence[Answer]) -> list[Answer]:
+    """Those that the page has a row for, in their order."""
+    by_date = sorted(range(len(answers)), key=lambda place: answers[place]["date"])
+    return [answers[place] for place in sorted(by_date[-MOST_ROWS:])]
+
+
+def _names(logs: Sequence[str]) -> list[str]:
+    """File names; where one is there twice, paths from the folder that all share."""
+    names = [Path(log).name for log in logs]
+    if len(set(names)) == len(names):
+        return names
+    shared = os.path.commonpath(logs)
+    return [os.path.relpath(log, shared) for log in logs]
 
 
 def _shown_of(answer: Answer) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, overload
@@ -45,18 +46,38 @@ _COLUMNS = (
 def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
     """Every log below a folder in order of name, and a line for what looks like one and cannot be read."""
     suffixes = known_suffixes()
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    files, notes = _files_in(folder)
     found = [p for p in files if p.suffix.lower() in suffixes]
     packed = [
         p
         for p in files
-        if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in suffixes
+        if p.suffix.lower() not in suffixes
+        and len(p.suffixes) > 1
+        and p.suffixes[-2].lower() in suffixes
     ]
-    notes = [f"{p}: is compressed: unpack it first" for p in packed]
+    notes += [f"{p}: is compressed: unpack it first" for p in packed]
     if not found:
         known = ", ".join(suffixes)
         raise LogError(f"{folder}: holds no log ({known}){'; ' + notes[0] if notes else ''}")
     return found, notes
+
+
+def _files_in(folder: Path) -> tuple[list[Path], list[str]]:
+    """Files below a folder in order of name, and a line for every folder that cannot be read.
+
+    Links to folders are not followed, so that none is met twice.
+    """
+    notes = []
+
+    def refused(error: OSError) -> None:
+        notes.append(f"{error.filename}: {error.strerror}")
+
+    files = []
+    for place, _, names in os.walk(folder, onerror=refused):
+        # os.path: a link in a circle is no file, and raises nothing.
+        paths = [os.path.join(place, name) for name in names]
+        files += [Path(path) for path in paths if os.path.isfile(path)]
+    return sorted(files), notes
 
 
 def known(out: Path, job: Job) -> dict[str, Any] | None:

@@ -182,11 +182,12 @@ class Vehicles(Sequence[VehicleSeason]):
 
     def named(self, name: str) -> VehicleSeason:
         """The vehicle of a name."""
-        values = {**self._wanted.values, "vehicle": name, "effect": self._wanted.effect}
-        logs = self._store.rows(f"SELECT * {_WANTED} {_IN_ORDER}", values)
+        values = {**self._wanted.values, "name": name, "effect": self._wanted.effect}
+        of_name = f"{_WANTED} AND vehicle = :name"
+        logs = self._store.rows(f"SELECT * {of_name} {_IN_ORDER}", values)
         effects: dict[str, list[Row]] = {}
         for row in self._store.rows(
-            f"SELECT e.* FROM effects AS e JOIN (SELECT sha256, question {_WANTED}) "
+            f"SELECT e.* FROM (SELECT sha256, question {of_name}) CROSS JOIN effects AS e "
             "USING (sha256, question) WHERE :effect IS NULL OR effect = :effect ORDER BY e.rowid",
             values,
         ):

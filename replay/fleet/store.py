@@ -98,6 +98,12 @@ class Store:
                     (*key, fault["channel"], fault["what"]),
                 )
 
+    def forget(self, sha256: str) -> None:
+        """All that is known of a log: it was the beginning of another one."""
+        with self._connection as c:
+            for table in ("logs", "effects", "faults", "identities"):
+                c.execute(f"DELETE FROM {table} WHERE sha256 = ?", (sha256,))
+
     def put(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         """Whole rows of a table, in place of older ones of the same key."""
         if not rows:
