@@ -74,6 +74,23 @@ class Store:
         except sqlite3.Error as error:
             raise ConfigError(f"{file}: {error}") from None
 
+    @classmethod
+    @contextmanager
+    def look(cls, path: Path) -> Iterator[Store]:
+        """Only to read, beside a run that writes. Raises ConfigError where there is none yet."""
+        file = path / NAME
+        try:
+            with closing(sqlite3.connect(f"{file.as_uri()}?mode=ro", uri=True)) as connection:
+                connection.row_factory = sqlite3.Row
+                yield cls(file, connection)
+        except sqlite3.Error as error:
+            raise ConfigError(f"{file}: {error}") from None
+
+    def last(self) -> int:
+        """A number that grows with every answer that is put in."""
+        (row,) = self.rows("SELECT coalesce(max(rowid), 0) AS last FROM logs")
+        return int(row["last"])
+
     def add(self, question: str, answer: Mapping[str, Any]) -> None:
         """Put an answer in place of an older one to the same question about the same log."""
         key = (answer["sha256"], question)
