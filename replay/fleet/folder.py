@@ -6,6 +6,7 @@ import argparse
 import math
 import os
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,6 +31,8 @@ from replay.progress import Progress
 
 _NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
 """Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
+WRITE_EVERY_S = 300.0
+"""Table and page, at most as often."""
 _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
 """A draft has these already."""
 
@@ -122,11 +125,15 @@ def answer_folder(
         assigned = _assigned(a, found.logs, out, store)
         notes += assigned.notes
         jobs = _jobs(a, found.logs, options, assigned.files)
+        due = _Due()
         try:
             for job, answer in _answers(a, out, jobs, store, assigned.drafts):
                 done.append(job)
                 if "error" in answer:
                     failed[job] = answer["error"]
+                if due.now():
+                    _write(a, out, title, Answers(out, done))
+                    due.done()
         except BaseException:
             # An interrupted run shows what it has; one that never began changes no table.
             if done:
@@ -139,6 +146,26 @@ def answer_folder(
         notes=notes,
         written=_write(a, out, title, answers),
     )
+
+
+class _Due:
+    """When table and page are written as the work goes: seldom enough to take a twentieth of the time at most."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._wait_s = WRITE_EVERY_S
+
+    def now(self) -> bool:
+        """Whether they are due; the writing begins."""
+        if time.monotonic() - self._start < self._wait_s:
+            return False
+        self._start = time.monotonic()
+        return True
+
+    def done(self) -> None:
+        """They are written."""
+        taken_s = time.monotonic() - self._start
+        self._wait_s = max(WRITE_EVERY_S, 20.0 * taken_s)
 
 
 def _forgotten(grown: Sequence[tuple[Path, str]], store: Store | None) -> list[str]:

@@ -22,6 +22,7 @@ _SHOWN = (
     "page",
     "error",
     "verdict",
+    "identity",
     "effects",
     "aliases",
     "duration_s",
@@ -37,7 +38,7 @@ def page(title: str, found: Sequence[Answer]) -> str:
     answers = [_shown_of(answer) for answer in found]
     good = [a for a in answers if "error" not in a]
     diagnosed = any("verdict" in a for a in answers)
-    head, step = _diagnosed(good) if diagnosed else _replayed(good)
+    head, step = _said(good) if diagnosed else _replayed(good)
     rows = _latest(answers)
     return render(
         "folder.html",
@@ -79,6 +80,21 @@ def _shown_of(answer: Answer) -> dict[str, Any]:
     if "effects" in answer:
         out["effects"] = [{"name": effect["name"]} for effect in answer["effects"]]
     return out
+
+
+def _said(judged: Sequence[Answer]) -> tuple[str, str]:
+    """Verdict and next action: of one vehicle, or how many vehicles show an effect. They are never pooled."""
+    vehicles: dict[str, list[Answer]] = {}
+    for a in judged:
+        vehicles.setdefault(a.get("identity", {}).get("vehicle") or "", []).append(a)
+    if len(vehicles) < 2:
+        return _diagnosed(judged)
+    shown = sum(bool(common_effects(logs)) for logs in vehicles.values())
+    return (
+        f"{shown} of {len(vehicles)} vehicles show an effect on most of their logs",
+        "replay season, with the folder of these answers: it says what every vehicle shows, and "
+        "since when.",
+    )
 
 
 def _diagnosed(judged: Sequence[Answer]) -> tuple[str, str]:

@@ -15,7 +15,8 @@ from typing import Any
 
 from companion.vehicles import chosen_vehicle
 from models.common.errors import ConfigError, UserError
-from models.common.text_file import make_folder, write_text
+from models.common.pages.document import write_document
+from models.common.text_file import make_folder
 from replay.fleet.store import Store
 from replay.fleet.workers import Lost, Place, results
 from replay.identity import VehicleIdentity
@@ -207,7 +208,7 @@ def _draft(
     logs, file = task
     try:
         made = draft(logs, given, target_system)
-        write_text("--out", file, made.as_toml())
+        write_document("--out", file, made.as_toml())
     except (UserError, MemoryError) as error:
         return Lost(str(error) or "too little memory")
     told = {"vehicle": made.as_json(), "notes": list(made.notes)}

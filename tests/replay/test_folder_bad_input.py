@@ -51,6 +51,15 @@ def test_a_full_disk_leaves_the_old_table_and_page_whole(tmp_path: Path) -> None
     assert sorted(os.listdir(tmp_path)) == ["report.html", "table.csv"], "and no other file"
 
 
+@pytest.mark.usefixtures("full_disk")
+def test_a_full_disk_is_one_line_of_the_store(tmp_path: Path) -> None:
+    with (
+        pytest.raises(ConfigError, match=NAME),
+        Store.open(tmp_path / NAME, make=True),
+    ):
+        pass
+
+
 def test_a_device_is_written_directly() -> None:
     with replaced("--csv", Path("/dev/null")) as part:
         part.write_text("rows")

@@ -1,8 +1,8 @@
 """A fleet's store: how long questions take, what a season costs, and whether changes are found.
 
-    python tests/benchmarks speed.fleet [--answers 10000] [--result FILE]
+    python tests/benchmarks speed.fleet [--answers 10000] [--vehicles 50] [--result FILE]
 
-The answers of the store are made up: fifty vehicles, one size that varies from flight to flight, and on every fifth
+The answers of the store are made up: one size that varies from flight to flight, and on every fifth
 vehicle a step in the middle of its season. So what is found can be judged.
 """
 
@@ -25,7 +25,6 @@ from replay.fleet.season import Season, season
 from replay.fleet.season_page import page
 from replay.fleet.store import NAME, Store
 
-VEHICLES = 50
 STEP_EVERY = 5
 STEP = 0.06
 SPREAD = 0.01
@@ -91,12 +90,11 @@ def timed(times: dict[str, float], name: str) -> Iterator[None]:
     times[name] = time.perf_counter() - start
 
 
-def fill(store: Store, answers: int) -> None:
+def fill(store: Store, vehicles: int, flights: int) -> None:
     """Made-up answers of all vehicles."""
     rng = np.random.default_rng(0)
-    flights = answers // VEHICLES
     for flight in range(flights):
-        for vehicle in range(VEHICLES):
+        for vehicle in range(vehicles):
             store.add("made up", made_up(vehicle, flight, flights, rng))
 
 
@@ -164,14 +162,16 @@ def main(argv: list[str] | None = None) -> int:
     """Exit code 1 where a goal is missed."""
     p = command_line.parser(__doc__)
     p.add_argument("--answers", type=int, default=10_000)
+    p.add_argument("--vehicles", type=int, default=50)
     add_option(p)
     a = p.parse_args(argv)
+    flights = a.answers // a.vehicles
     times: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name, Store.open(Path(name) / NAME, make=True) as store:
         with timed(times, "answers put into the store"):
-            fill(store, a.answers)
+            fill(store, a.vehicles, flights)
         size, peak = asked(store, times)
-        right, silent = judged(season(store), a.answers // VEHICLES)
+        right, silent = judged(season(store), flights)
     figures = [
         *asked_figures(times, f"{a.answers} answers", size, peak),
         counted("vehicles that changed: found within two flights", right, least=0.9),
