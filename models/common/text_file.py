@@ -11,6 +11,9 @@ from typing import Any
 
 from models.common.errors import ConfigError, UserError
 
+_PART = 100
+"""Characters of a name, so that with what is added to it none is too long."""
+
 
 def read_text(what: str, path: Path, kind: type[UserError] = ConfigError) -> str:
     """The text of ``path``, without a byte order mark. Raises ``kind`` where it cannot be read."""
@@ -43,7 +46,7 @@ def replaced(what: str, target: Path) -> Iterator[Path]:
             yield target
             return
         whole = target.resolve()
-        part = whole.with_name(f".{os.getpid()}.part")
+        part = whole.with_name(f".{whole.name[-_PART:]}.{os.getpid()}.part")
         try:
             yield part
             os.replace(part, whole)
