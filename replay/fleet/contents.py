@@ -31,9 +31,6 @@ class Contents:
 
 def contents(paths: Sequence[Path], store: Store | None) -> Contents:
     """What the files hold. One that vanished meanwhile, or may not be read, is said and left out."""
-    before = {}
-    if store is not None:
-        before = {row["path"]: row for row in store.rows("SELECT * FROM files")}
     logs: dict[str, Path] = {}
     copies = []
     grown = []
@@ -43,7 +40,7 @@ def contents(paths: Sequence[Path], store: Store | None) -> Contents:
             log = path.resolve()
             try:
                 about = log.stat()
-                old = before.get(str(log))
+                old = _before(log, store)
                 if old is not None and _same(old, about):
                     sha256 = old["sha256"]
                 else:
@@ -63,6 +60,15 @@ def contents(paths: Sequence[Path], store: Store | None) -> Contents:
             store.put("files", new)
     beginnings = tuple((path, sha256) for path, sha256 in grown if sha256 not in logs)
     return Contents(logs, tuple(copies), beginnings)
+
+
+def _before(log: Path, store: Store | None) -> Row | None:
+    """What the store remembers of a file; asked one by one, as the store may know a million of other folders."""
+    if store is None:
+        return None
+    for row in store.rows("SELECT * FROM files WHERE path = ?", (str(log),)):
+        return row
+    return None
 
 
 def _same(old: Row, about: os.stat_result) -> bool:

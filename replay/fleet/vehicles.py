@@ -124,9 +124,9 @@ def _identities(
 ) -> dict[str, VehicleIdentity]:
     """Of all logs that can be read; each is read once."""
     out = {}
-    for row in store.rows("SELECT * FROM identities"):
-        if row["sha256"] in logs:
-            out[row["sha256"]] = VehicleIdentity(
+    for sha256 in logs:
+        for row in store.rows("SELECT * FROM identities WHERE sha256 = ?", (sha256,)):
+            out[sha256] = VehicleIdentity(
                 vehicle=row["vehicle"],
                 board=row["board"],
                 firmware=row["firmware"],
