@@ -355,6 +355,9 @@ def _vehicle_text(v: VehicleSeason) -> list[str]:
         )
     if v.new:
         lines.append(f"  new on the last log: {', '.join(v.new)}")
-    for log, why in v.not_judged:
-        lines.append(f"  not judged: {log}: {why}")
+    latest = {why: log for log, why in v.not_judged}
+    count = Counter(why for _, why in v.not_judged)
+    for why, log in latest.items():
+        many = f"{count[why]} logs, the latest " if count[why] > 1 else ""
+        lines.append(f"  not judged: {many}{log}: {why}")
     return lines

@@ -137,6 +137,16 @@ def test_what_is_new_and_what_cannot_be_judged(store: Store) -> None:
     assert vehicle.not_judged == (("/logs/board-A/4.tlog", "no accelerometer"),)
 
 
+def test_one_reason_is_one_line_of_the_text(store: Store) -> None:
+    for day in range(1, 5):
+        store.add("q", answer(day, effects=[], error="did not fly" if day < 4 else "cut"))
+    lines = season(store).as_text().splitlines()
+    assert lines[2:] == [
+        "  not judged: 3 logs, the latest /logs/board-A/3.tlog: did not fly",
+        "  not judged: /logs/board-A/4.tlog: cut",
+    ]
+
+
 def test_one_vehicle_one_effect_or_some_days(store: Store) -> None:
     for day in range(1, 13):
         store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
