@@ -57,46 +57,63 @@ def change_of_sizes(values: Array, sd: Array) -> Step | None:
     if count < LEAST:
         return None
     variance = sd**2
-    whole = _log_likelihood(values, variance + _between(values, variance))
+    middle = _mean(values, variance)
+    # Sums of squares lose no digits where they are of small numbers.
+    y = values - middle
+    before, after = _between(y, variance)
+    whole = _log_likelihood(y, variance + before[-1], count)
     paid = 1.5 * math.log(count) - math.log(RARE / (1.0 - RARE))
     places = range(SIDE, count - SIDE + 1)
-    spreads = []
+    spread = 0.5 * (before[:-1] + after[:-1])
     log_odds = []
     for k in places:
-        before = _between(values[:k], variance[:k])
-        after = _between(values[k:], variance[k:])
-        spread = variance + 0.5 * (before + after)
-        split = _log_likelihood(values[:k], spread[:k]) + _log_likelihood(values[k:], spread[k:])
-        spreads.append(spread)
-        log_odds.append(split - whole - paid)
+        log_odds.append(_log_likelihood(y, variance + spread[k - 1], k) - whole - paid)
     best = likeliest(log_odds)
     if best is None:
         return None
     k = places[best]
+    of_logs = variance + spread[k - 1]
     return Step(
         at=k,
-        before=_mean(values[:k], spreads[best][:k]),
-        after=_mean(values[k:], spreads[best][k:]),
+        before=_mean(values[:k], of_logs[:k]),
+        after=_mean(values[k:], of_logs[k:]),
         log_odds=log_odds[best],
     )
 
 
 def _mean(y: Array, variance: Array) -> float:
-    return float(np.average(y, weights=1.0 / variance))
-
-
-def _log_likelihood(y: Array, variance: Array) -> float:
-    """Of one mean."""
-    off = y - _mean(y, variance)
-    return float(-0.5 * (off**2 / variance + np.log(variance)).sum())
-
-
-def _between(y: Array, variance: Array) -> float:
-    """Variance between logs, tau^2, by the method of moments."""
     weight = 1.0 / variance
-    off = y - _mean(y, variance)
-    q = float((weight * off**2).sum())
-    scale = float(weight.sum() - (weight**2).sum() / weight.sum())
-    if scale <= 0.0:
-        return 0.0
-    return max((q - (len(y) - 1)) / scale, 0.0)
+    return float((y * weight).sum() / weight.sum())
+
+
+def _log_likelihood(y: Array, variance: Array, k: int) -> float:
+    """Of one mean up to index ``k`` and another one from there on; of one mean where ``k`` is the end.
+
+    sum (y_i - m)^2 / v_i = sum y_i^2 / v_i - (sum y_i / v_i)^2 / sum 1 / v_i on either side.
+    """
+    weight = 1.0 / variance
+    weighted = weight * y
+    square = weighted @ y
+    for side in (slice(None, k), slice(k, None)):
+        known = weight[side].sum()
+        if known > 0.0:
+            square -= weighted[side].sum() ** 2 / known
+    return float(-0.5 * (square + np.log(variance).sum()))
+
+
+def _between(y: Array, variance: Array) -> tuple[Array, Array]:
+    """Variance between logs, tau^2, by the method of moments: of the first k logs, and of those after them (n,)."""
+    weight = 1.0 / variance
+    counts = np.ones(len(y))
+    terms = np.stack([counts, weight, weight**2, weight * y, weight * y**2])
+    before = terms.cumsum(axis=1)
+    return _moments(before), _moments(before[:, -1:] - before)
+
+
+def _moments(sums: Array) -> Array:
+    """tau^2 from sums (5, n) of 1, w, w^2, w y, w y^2."""
+    count, known, squared, first, second = sums
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = known - squared / known
+        spread = (second - first**2 / known - (count - 1.0)) / scale
+    return np.where(scale > 1e-9 * known, np.maximum(spread, 0.0), 0.0)

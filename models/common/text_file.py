@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from models.common.errors import ConfigError, UserError
+
+_PART = 100
+"""Characters of a name, so that with what is added to it none is too long."""
 
 
 def read_text(what: str, path: Path, kind: type[UserError] = ConfigError) -> str:
@@ -28,6 +33,27 @@ def write_text(what: str, path: Path, text: str, kind: type[UserError] = ConfigE
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise kind(f"{what} {path}: cannot be written ({error.strerror})") from None
+
+
+@contextmanager
+def replaced(what: str, target: Path) -> Iterator[Path]:
+    """A path to write to: what is there at the end of the block takes the place of ``target``.
+
+    A full disk, a kill or Ctrl-C leaves the old file whole. Devices and pipes are written directly. Raises ConfigError.
+    """
+    try:
+        if target.exists() and not target.is_file():
+            yield target
+            return
+        whole = target.resolve()
+        part = whole.with_name(f".{whole.name[-_PART:]}.{os.getpid()}.part")
+        try:
+            yield part
+            os.replace(part, whole)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{what} {target}: cannot be written ({error.strerror})") from None
 
 
 def make_folder(what: str, folder: Path) -> None:

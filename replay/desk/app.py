@@ -99,9 +99,7 @@ class _Pages:
     def remove_log(self, request: Request) -> Response:
         """Delete one log."""
         drop = self._drop(request)
-        log = one_of(drop.logs, request.path_params["name"])
-        drop.info(log).unlink(missing_ok=True)
-        log.unlink(missing_ok=True)
+        drop.remove(one_of(drop.logs, request.path_params["name"]))
         return _back(drop)
 
     async def ask(self, request: Request) -> Response:
@@ -128,12 +126,17 @@ class _Pages:
         self._work.start(drop, question.written(drop), question)
         return _back(drop)
 
+    async def again(self, request: Request) -> Response:
+        """Ask a question once more: what was answered of its logs is taken over."""
+        drop = self._drop(request)
+        question = Question.again(self._ask(request, drop), drop)
+        self._work.start(drop, question.written(drop), question)
+        return _back(drop)
+
     async def cancel(self, request: Request) -> Response:
         """End one question."""
         drop = self._drop(request)
-        await self._work.cancel(
-            Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"]))
-        )
+        await self._work.cancel(self._ask(request, drop))
         return _back(drop)
 
     async def remove(self, request: Request) -> Response:
@@ -166,6 +169,9 @@ class _Pages:
     def _drop(self, request: Request) -> Drop:
         return Drop(one_of((drop.folder for drop in self._desk.drops), request.path_params["drop"]))
 
+    def _ask(self, request: Request, drop: Drop) -> Ask:
+        return Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"]))
+
     def _version(self, drop: Drop) -> str:
         looked = sum(drop.info(log).exists() for log in drop.logs)
         return (
@@ -194,6 +200,7 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
         Route("/drops/{drop}/logs/{name:path}", pages.upload, methods=["PUT"]),
         Route("/drops/{drop}/asks", pages.ask, methods=["POST"]),
         Route("/drops/{drop}/asks/{number}/cancel", pages.cancel, methods=["POST"]),
+        Route("/drops/{drop}/asks/{number}/again", pages.again, methods=["POST"]),
         Mount("/files", StaticFiles(directory=desk.folder)),
         Mount("/static", StaticFiles(directory=_HERE / "static")),
     ]

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 from starlette.exceptions import HTTPException
@@ -121,6 +122,19 @@ class Question:
             tuple((key, text.strip()) for key, text in form if key in FIELDS and text.strip()),
         )
 
+    @classmethod
+    def again(cls, ask: Ask, drop: Drop) -> Question:
+        """As it was asked before. Raises HTTPException where one of its logs is gone."""
+        said = ask.question
+        for name in said["good"]:
+            one_of(drop.logs, name)
+        return cls(
+            kind=Asked(said["kind"]),
+            good=tuple(said["good"]),
+            numbers=tuple((key, text) for key, text in said["numbers"]),
+            vehicle=said["vehicle"],
+        )
+
     def written(self, drop: Drop) -> Ask:
         """As one more question about the logs."""
         folder = drop.folder / "asks" / str(len(drop.asks) + 1)
@@ -128,6 +142,10 @@ class Question:
         (folder / "question.json").write_text(json.dumps(asdict(self)), encoding="utf-8")
         if self.vehicle:
             (folder / "edited.toml").write_text(self.vehicle, encoding="utf-8")
+        if self.kind == Asked.SEASON:
+            # Pages of single logs lie beside their answers, which the next question takes over.
+            (drop.each / "logs").mkdir(parents=True, exist_ok=True)
+            (folder / "logs").symlink_to(Path("..", "..", drop.each.name, "logs"))
         return Ask(folder)
 
     def command(self, drop: Drop, ask: Ask) -> list[str]:
@@ -138,7 +156,7 @@ class Question:
             vehicle = [f"--vehicle={place / 'edited.toml'}"]
         logs = [str(log) for log in drop.logs if log.name not in self.good]
         if self.kind == Asked.SEASON:
-            logs = [str(drop.folder / "logs"), f"--out={place / 'each'}", "--workers=1"]
+            logs = [str(drop.folder / "logs"), f"--out={drop.each}", "--workers=1", "--retry"]
         elif self.kind == Asked.CHANGED:
             logs += ["--since", *(str(log) for log in drop.logs if log.name in self.good)]
         elif not self.vehicle:
@@ -151,3 +169,9 @@ class Question:
             f"--json={place / 'answer.json'}",
             "--quiet",
         ]
+
+    def over_time(self, drop: Drop, ask: Ask) -> list[str]:
+        """Of the command that makes the page of every vehicle over time; none where that was not asked."""
+        if self.kind != Asked.SEASON:
+            return []
+        return ["season", str(drop.each), f"--report={ask.folder / 'season'}", "--quiet"]

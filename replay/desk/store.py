@@ -17,6 +17,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from models.common.errors import ConfigError
+from replay.fleet.jobs import content_hash
+from replay.fleet.store import NAME, Store
 from replay.logs.formats import known_suffixes
 
 MOST_BYTES = 2 << 30
@@ -38,6 +40,11 @@ class Ask:
     def answered(self) -> bool:
         """Whether the page of the answer is there."""
         return (self.folder / "report.html").is_file() and not self.failure
+
+    @property
+    def over_time(self) -> bool:
+        """Whether there is a page of every vehicle over time."""
+        return (self.folder / "season" / "report.html").is_file()
 
     @property
     def answer(self) -> Any:
@@ -76,6 +83,28 @@ class Drop:
         """The newest first."""
         folders = sorted((self.folder / "asks").iterdir(), key=lambda folder: int(folder.name))
         return [Ask(folder) for folder in reversed(folders)]
+
+    @property
+    def each(self) -> Path:
+        """Answers to every log by itself, and their store: of all questions, so that none is worked out twice."""
+        return self.folder / "each"
+
+    @property
+    def last(self) -> int:
+        """A number that grows with every answer in that store; 0 where there is none."""
+        try:
+            with Store.look(self.each) as store:
+                return store.last()
+        except ConfigError:
+            return 0
+
+    def remove(self, log: Path) -> None:
+        """Delete a log, and what the store says of it."""
+        if (self.each / NAME).is_file():
+            with Store.open(self.each) as store:
+                store.forget(content_hash(log))
+        self.info(log).unlink(missing_ok=True)
+        log.unlink(missing_ok=True)
 
     def info(self, log: Path) -> Path:
         """The text of ``replay info``."""

@@ -7,10 +7,12 @@ import os
 import signal
 import sys
 from asyncio.subprocess import DEVNULL
-from contextlib import suppress
+from collections import defaultdict
+from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from pathlib import Path
+from typing import Any
 
-from replay.desk.question import Question, in_words
+from replay.desk.question import Asked, Question, in_words
 from replay.desk.store import Ask, Drop, read_text
 from replay.fleet.jobs import error_text
 
@@ -24,6 +26,9 @@ class Work:
         self._turn = asyncio.Semaphore(at_once)
         self._tasks: dict[Path, asyncio.Task[None]] = {}
         self._steps: dict[Path, str] = {}
+        self._stores: defaultdict[Path, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self._before: dict[Path, int] = {}
+        """What ``Drop.last`` was when each log was begun to be asked by itself."""
 
     def start(self, drop: Drop, ask: Ask, question: Question) -> None:
         """Put a question into the queue."""
@@ -44,9 +49,11 @@ class Work:
     def step(self, ask: Ask) -> str:
         """What is being done; empty where it is over."""
         step = self._steps.get(ask.folder, "")
-        done = len(list(ask.folder.glob("each/results/*.json")))
-        if step and done:
-            return f"{step}: {done} of {len(Drop(ask.folder.parents[1]).logs)} done"
+        if step and ask.folder in self._before:
+            drop = Drop(ask.folder.parents[1])
+            count = len(drop.logs)
+            done = min(drop.last - self._before[ask.folder], count)
+            return f"{step}: {done} of {count} done"
         if step and ask.vehicle_text:
             return "the vehicle is drafted; looks what the model lacks"
         return step
@@ -55,10 +62,16 @@ class Work:
         said = ask.folder / "stderr.txt"
         failure = ""
         try:
-            async with self._turn:
+            async with self._alone(drop, question), self._turn:
                 await self._look(drop, ask)
                 self._steps[ask.folder] = "reads the logs"
-                code = await _call(question.command(drop, ask), ask.folder / "stdout.txt", said)
+                if question.kind == Asked.SEASON:
+                    self._before[ask.folder] = drop.last
+                out = ask.folder / "stdout.txt"
+                code = await _call(question.command(drop, ask), out, said)
+                more = question.over_time(drop, ask)
+                if more and not code:
+                    code = await _call(more, out, said)
             if code:
                 failure = _failure(said, code, drop)
             else:
@@ -72,6 +85,13 @@ class Work:
                 with suppress(OSError):  # the disk is full: the page then says that it stopped
                     (ask.folder / "error.txt").write_text(failure, encoding="utf-8")
             del self._tasks[ask.folder], self._steps[ask.folder]
+            self._before.pop(ask.folder, None)
+
+    def _alone(self, drop: Drop, question: Question) -> AbstractAsyncContextManager[Any]:
+        """Questions that write to one store come one after the other."""
+        if question.kind == Asked.SEASON:
+            return self._stores[drop.folder]
+        return nullcontext()
 
     async def _look(self, drop: Drop, ask: Ask) -> None:
         """What is in the logs, where that is not known yet."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from replay.source_options import add_source_option
 if TYPE_CHECKING:
     from models.surrogate.fan_surrogate import FanSurrogate
     from models.vehicle import Vehicle
+    from replay.progress import Step
 
 _EPILOG = f"{EXIT_CODES} How to read the answer: docs/diagnose.md."
 
@@ -127,21 +129,8 @@ def _add_draft_options(p: argparse.ArgumentParser) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from models.common.text_file import write_text
-    from models.vehicle.plausibility import warnings
-    from replay.command import (
-        check_targets,
-        fault_lines,
-        given,
-        of_logs,
-        progress_bar,
-        refuse_of_folder,
-        write_answer,
-    )
-    from replay.diagnosis.amended_model import amended
-    from replay.diagnosis.diagnose import diagnose
-    from replay.diagnosis.html_report import page
-    from replay.diagnosis.model_faults import model_faults
+    from replay.command import check_targets, refuse_of_folder
+    from replay.progress import Step, said_often
 
     _check_drafting(a)
     check_targets(a)
@@ -152,9 +141,25 @@ def run(a: argparse.Namespace) -> int:
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     refuse_of_folder(a)
+    step = Step(text="reads the logs")
+    with said_often(step.line, silent=a.quiet or sys.stderr.isatty()):
+        return _judge(a, step)
+
+
+def _judge(a: argparse.Namespace, step: Step) -> int:
+    """Logs of one vehicle together."""
+    from models.common.text_file import write_text
+    from models.vehicle.plausibility import warnings
+    from replay.command import fault_lines, given, of_logs, progress_bar, write_answer
+    from replay.diagnosis.amended_model import amended
+    from replay.diagnosis.diagnose import diagnose
+    from replay.diagnosis.html_report import page
+    from replay.diagnosis.model_faults import model_faults
+
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
+    step.text = "judges the logs"
     answer = diagnose(
         a.logs,
         vehicle,

@@ -7,14 +7,12 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-from tqdm import tqdm
 
 from models.common.arguments import installed_version, speaks
 from models.common.errors import ConfigError, LogError
@@ -24,16 +22,17 @@ from replay.command import check_declared, check_targets, given
 from replay.fleet.contents import contents
 from replay.fleet.jobs import Job, work
 from replay.fleet.page import page
-from replay.fleet.results import Answers, keep, known, logs_in, table
+from replay.fleet.results import Answers, keep, known, logs_in, write_table
 from replay.fleet.store import NAME, Store
 from replay.fleet.vehicles import Assigned, assign, named
 from replay.fleet.workers import USABLE_BYTES, Place
 from replay.pipeline_options import LOG_MINUTES
+from replay.progress import Progress
 
-SAY_EVERY_S = 30.0
-"""Between two lines of a run whose output is redirected."""
 _NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
 """Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
+WRITE_EVERY_S = 300.0
+"""Table and page, at most as often."""
 _UNDRAFTED = {"--mass": None, "--propeller": None, "--span": None}
 """A draft has these already."""
 
@@ -122,14 +121,19 @@ def answer_folder(
     with _store(a, out) as store:
         found = contents(paths, store)
         notes = [f"{copy}: is a copy of {first}" for copy, first in found.copies]
+        notes += _forgotten(found.grown, store)
         assigned = _assigned(a, found.logs, out, store)
         notes += assigned.notes
         jobs = _jobs(a, found.logs, options, assigned.files)
+        due = _Due()
         try:
             for job, answer in _answers(a, out, jobs, store, assigned.drafts):
                 done.append(job)
                 if "error" in answer:
                     failed[job] = answer["error"]
+                if due.now():
+                    _write(a, out, title, Answers(out, done))
+                    due.done()
         except BaseException:
             # An interrupted run shows what it has; one that never began changes no table.
             if done:
@@ -142,6 +146,34 @@ def answer_folder(
         notes=notes,
         written=_write(a, out, title, answers),
     )
+
+
+class _Due:
+    """When table and page are written as the work goes: seldom enough to take a twentieth of the time at most."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._wait_s = WRITE_EVERY_S
+
+    def now(self) -> bool:
+        """Whether they are due; the writing begins."""
+        if time.monotonic() - self._start < self._wait_s:
+            return False
+        self._start = time.monotonic()
+        return True
+
+    def done(self) -> None:
+        """They are written."""
+        taken_s = time.monotonic() - self._start
+        self._wait_s = max(WRITE_EVERY_S, 20.0 * taken_s)
+
+
+def _forgotten(grown: Sequence[tuple[Path, str]], store: Store | None) -> list[str]:
+    """Forget what was said of the beginnings of logs, and say so."""
+    if store is not None:
+        for _, sha256 in grown:
+            store.forget(sha256)
+    return [f"{path}: has grown since it was answered: is asked anew" for path, _ in grown]
 
 
 def _jobs(
@@ -194,6 +226,7 @@ def _assigned(
         out=out.resolve(),
         store=store,
         place=_place(a),
+        quiet=a.quiet,
     )
 
 
@@ -232,8 +265,9 @@ def _answers(
     told = len(jobs) - len(waiting)
     if told and speaks(a):
         print(f"{len(jobs)} logs, {told} of them known from before")
+    progress = Progress(what="logs", total=len(jobs), done=told, quiet=a.quiet)
     working = work(waiting, _place(a))
-    for job, found in _counted(a, working, len(jobs), told):
+    for job, found in progress.counted(working, failed=lambda done: "error" in done[1]):
         answer = dict(found)
         if job.sha256 in drafts and "error" not in answer:
             draft = drafts[job.sha256]
@@ -271,37 +305,10 @@ def _store(a: argparse.Namespace, out: Path) -> Iterator[Store | None]:
         yield store
 
 
-def _counted(
-    a: argparse.Namespace, working: Iterable[tuple[Job, dict[str, Any]]], count: int, done: int
-) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """The same with a progress bar; where the output is redirected, a line now and then."""
-    shown = sys.stderr.isatty() and not a.quiet
-    start = time.monotonic()
-    said = start
-    first = done
-    failed = 0
-    for job, answer in tqdm(
-        working, total=count, initial=done, unit="log", disable=not shown, leave=False
-    ):
-        yield job, answer
-        done += 1
-        failed += "error" in answer
-        now = time.monotonic()
-        if not shown and not a.quiet and now - said > SAY_EVERY_S:
-            said = now
-            left_s = (now - start) / (done - first) * (count - done)
-            print(
-                f"replay: {done} of {count} logs, {failed} failed, about {left_s / 60.0:.0f} min "
-                "left",
-                file=sys.stderr,
-                flush=True,
-            )
-
-
 def _write(a: argparse.Namespace, out: Path, title: str, answers: Answers) -> dict[str, str]:
     """Table and page of the answers that are there."""
     target = (a.report or out) / "report.html"
     return {
-        "table": str(write_document("--out", out / "table.csv", table(answers))),
+        "table": str(write_table(out / "table.csv", answers)),
         "page": str(write_document("--report", target, page(title, answers))),
     }

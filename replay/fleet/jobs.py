@@ -19,12 +19,17 @@ from typing import Any
 from models.common.arguments import installed_version
 from models.common.errors import TOO_LARGE
 from replay.fleet.workers import Lost, Place, died, results
+from replay.info.abilities import Extent
 
 _EARLIEST_US = 1_100_000_000_000_000
 _LATEST_US = 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
 _DIGITS = 20
 """Of a hash, in the name of a file."""
+_BLOCK = 1 << 20
+"""Bytes that are read at a time."""
+_NEEDED = ("forces (Fx Fy Fz)", "thrust of the rotors")
+"""Questions of ``replay info`` to which no diagnosis can do without a yes."""
 _MOST_LINES = 20
 """Of an error."""
 
@@ -96,10 +101,16 @@ class Job:
         return None
 
 
-def content_hash(log: Path) -> str:
-    """The sha256 of a file. Raises OSError."""
+def content_hash(log: Path, most: int | None = None) -> str:
+    """The sha256 of a file, or of ``most`` bytes at its start. Raises OSError."""
     with log.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        if most is None:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        digest = hashlib.sha256()
+        while most and (block := file.read(min(most, _BLOCK))):
+            digest.update(block)
+            most -= len(block)
+        return digest.hexdigest()
 
 
 def perform(job: Job) -> dict[str, Any]:
@@ -112,8 +123,10 @@ def perform(job: Job) -> dict[str, Any]:
     code, said, errors = _command([*job.words, *page, "--json=-", "--quiet"])
     if code:
         line = error_text(errors.replace(f"{job.log}: ", ""), code).splitlines()[-1]
-        answer = {"error": line, "passing": TOO_LARGE in errors}
-        answer |= _identity(job)
+        told = _info(job)
+        answer = {"error": line + _to_set(told), "passing": TOO_LARGE in errors}
+        if told:
+            answer["identity"] = told["identity"]
     else:
         answer = json.loads(said)
     taken_s = round(time.monotonic() - start, 2)
@@ -139,13 +152,23 @@ def _command(words: Sequence[str]) -> tuple[int, str, str]:
     return code, said.getvalue(), errors.getvalue()
 
 
-def _identity(job: Job) -> dict[str, Any]:
-    """Which vehicle a log that is not judged is of; empty where it cannot be read at all."""
+def _info(job: Job) -> dict[str, Any]:
+    """Of a log that is not judged; empty where it cannot be read at all."""
     code, said, _ = _command(["info", str(job.log), "--json=-", "--quiet"])
     if code:
         return {}
+    told: dict[str, Any]
     (told,) = json.loads(said)
-    return {"identity": told["identity"]}
+    return told
+
+
+def _to_set(told: Mapping[str, Any]) -> str:
+    """The setting without which no log like this one can be judged; empty where it is not for want of one."""
+    for boot in told.get("boots", ()):
+        for ability in boot["judges"]:
+            if ability["question"] in _NEEDED and ability["answer"] == Extent.NO:
+                return f"; for the next log set {ability['change']}"
+    return ""
 
 
 def about(job: Job) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,12 +14,15 @@ from replay.rerun.page import lasted, to_mend
 
 _COMMON = 0.5
 """Share of the judged logs from which an effect belongs to the vehicle rather than to single flights."""
+MOST_ROWS = 1000
+"""A page of more opens slowly."""
 _SHOWN = (
     "log",
     "date",
     "page",
     "error",
     "verdict",
+    "identity",
     "effects",
     "aliases",
     "duration_s",
@@ -34,16 +38,18 @@ def page(title: str, found: Sequence[Answer]) -> str:
     answers = [_shown_of(answer) for answer in found]
     good = [a for a in answers if "error" not in a]
     diagnosed = any("verdict" in a for a in answers)
-    head, step = _diagnosed(good) if diagnosed else _replayed(good)
+    head, step = _said(good) if diagnosed else _replayed(good)
+    rows = _latest(answers)
     return render(
         "folder.html",
         title=title,
         head=head,
         verdict=title,
         sentences=[f"Next: {step}"],
-        answers=answers,
-        names=[Path(a["log"]).name for a in answers],
-        good=good,
+        answers=rows,
+        names=_names([a["log"] for a in rows]),
+        count=len(answers),
+        good=len(good),
         length=lasted(sum(a["duration_s"] for a in good)),
         verdicts=Counter(a["verdict"] for a in good).most_common() if diagnosed else [],
         reason=_reason,
@@ -53,12 +59,42 @@ def page(title: str, found: Sequence[Answer]) -> str:
     )
 
 
+def _latest(answers: Sequence[Answer]) -> list[Answer]:
+    """Those that the page has a row for, in their order."""
+    by_date = sorted(range(len(answers)), key=lambda place: answers[place]["date"])
+    return [answers[place] for place in sorted(by_date[-MOST_ROWS:])]
+
+
+def _names(logs: Sequence[str]) -> list[str]:
+    """File names; where one is there twice, paths from the folder that all share."""
+    names = [Path(log).name for log in logs]
+    if len(set(names)) == len(names):
+        return names
+    shared = os.path.commonpath(logs)
+    return [os.path.relpath(log, shared) for log in logs]
+
+
 def _shown_of(answer: Answer) -> dict[str, Any]:
     """What the page looks at; of effects the names."""
     out = {name: answer[name] for name in _SHOWN if name in answer}
     if "effects" in answer:
         out["effects"] = [{"name": effect["name"]} for effect in answer["effects"]]
     return out
+
+
+def _said(judged: Sequence[Answer]) -> tuple[str, str]:
+    """Verdict and next action: of one vehicle, or how many vehicles show an effect. They are never pooled."""
+    vehicles: dict[str, list[Answer]] = {}
+    for a in judged:
+        vehicles.setdefault(a.get("identity", {}).get("vehicle") or "", []).append(a)
+    if len(vehicles) < 2:
+        return _diagnosed(judged)
+    shown = sum(bool(common_effects(logs)) for logs in vehicles.values())
+    return (
+        f"{shown} of {len(vehicles)} vehicles show an effect on most of their logs",
+        "replay season, with the folder of these answers: it says what every vehicle shows, and "
+        "since when.",
+    )
 
 
 def _diagnosed(judged: Sequence[Answer]) -> tuple[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,6 +11,7 @@ from typing import Any, overload
 
 from models.common.errors import LogError
 from models.common.pages.document import write_document
+from models.common.text_file import make_folder, replaced
 from replay.fleet.jobs import Job
 from replay.logs.formats import known_suffixes
 
@@ -46,18 +46,38 @@ _COLUMNS = (
 def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
     """Every log below a folder in order of name, and a line for what looks like one and cannot be read."""
     suffixes = known_suffixes()
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    files, notes = _files_in(folder)
     found = [p for p in files if p.suffix.lower() in suffixes]
     packed = [
         p
         for p in files
-        if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in suffixes
+        if p.suffix.lower() not in suffixes
+        and len(p.suffixes) > 1
+        and p.suffixes[-2].lower() in suffixes
     ]
-    notes = [f"{p}: is compressed: unpack it first" for p in packed]
+    notes += [f"{p}: is compressed: unpack it first" for p in packed]
     if not found:
         known = ", ".join(suffixes)
         raise LogError(f"{folder}: holds no log ({known}){'; ' + notes[0] if notes else ''}")
     return found, notes
+
+
+def _files_in(folder: Path) -> tuple[list[Path], list[str]]:
+    """Files below a folder in order of name, and a line for every folder that cannot be read.
+
+    Links to folders are not followed, so that none is met twice.
+    """
+    notes = []
+
+    def refused(error: OSError) -> None:
+        notes.append(f"{error.filename}: {error.strerror}")
+
+    files = []
+    for place, _, names in os.walk(folder, onerror=refused):
+        # os.path: a link in a circle is no file, and raises nothing.
+        paths = [os.path.join(place, name) for name in names]
+        files += [Path(path) for path in paths if os.path.isfile(path)]
+    return sorted(files), notes
 
 
 def known(out: Path, job: Job) -> dict[str, Any] | None:
@@ -73,11 +93,7 @@ def known(out: Path, job: Job) -> dict[str, Any] | None:
 
 def keep(out: Path, job: Job, answer: dict[str, Any]) -> None:
     """Write an answer; an interruption leaves the whole file or none. Raises ConfigError."""
-    target = _file(out, job)
-    part = write_document(
-        "--out", target.with_suffix(".part"), json.dumps(answer, indent=1, allow_nan=False) + "\n"
-    )
-    os.replace(part, target)
+    write_document("--out", _file(out, job), json.dumps(answer, indent=1, allow_nan=False) + "\n")
 
 
 def _file(out: Path, job: Job) -> Path:
@@ -133,14 +149,21 @@ def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
             yield before + name, inner
 
 
-def table(answers: Sequence[dict[str, Any]]) -> str:
-    """As CSV: a row a log, a column a name, empty where a log lacks it."""
+def write_table(target: Path, answers: Sequence[dict[str, Any]]) -> Path:
+    """As CSV: a row a log, a column a name, empty where a log lacks it; whole, or the old one stays.
+
+    Raises ConfigError.
+    """
     columns: dict[str, None] = {}
     for answer in answers:
         columns |= dict.fromkeys(row(answer))
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
-    writer.writeheader()
-    for answer in answers:
-        writer.writerow(row(answer))
-    return text.getvalue()
+    make_folder("--out", target.parent)
+    with (
+        replaced("--out", target) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.DictWriter(file, list(columns), lineterminator="\n")
+        writer.writeheader()
+        for answer in answers:
+            writer.writerow(row(answer))
+    return target

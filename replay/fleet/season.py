@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -87,9 +87,15 @@ class VehicleSeason:
 class Season:
     """All vehicles of a store."""
 
-    vehicles: tuple[VehicleSeason, ...]
+    vehicles: Vehicles
+    altered: tuple[str, ...]
+    """Names of vehicles that are not as they were."""
+    judged: int
+    """Logs."""
     common: tuple[str, ...]
     """Effects that half of the vehicles have, of two or more."""
+    effects: tuple[str, ...]
+    """Of any vehicle."""
     unknown: tuple[tuple[str, str], ...]
     """Logs that do not say of which vehicle they are, and why they are not judged."""
 
@@ -103,8 +109,7 @@ class Season:
 
     def as_text(self) -> str:
         """A few lines for a person."""
-        logs = sum(v.judged for v in self.vehicles)
-        lines = [f"vehicles: {len(self.vehicles)}, logs judged: {logs}"]
+        lines = [f"vehicles: {len(self.vehicles)}, logs judged: {self.judged}"]
         for v in self.vehicles:
             lines += _vehicle_text(v)
         if self.common:
@@ -124,100 +129,156 @@ class Wanted:
     last: date | None = None
     """Days, both included."""
 
-    def has(self, row: Row) -> bool:
-        """Whether a log is of the vehicle and of these days."""
-        day = (row["date"] or "")[:10]
-        if self.first is not None and day < self.first.isoformat():
-            return False
-        if self.last is not None and day > self.last.isoformat():
-            return False
-        return self.vehicle in (None, row["vehicle"])
+    @property
+    def values(self) -> dict[str, str | None]:
+        """Of ``_WANTED``."""
+        return {
+            "vehicle": self.vehicle,
+            "first": None if self.first is None else self.first.isoformat(),
+            "last": None if self.last is None else self.last.isoformat(),
+        }
 
 
 ALL = Wanted()
+_WANTED = """
+FROM logs AS log
+WHERE NOT EXISTS (
+    SELECT 1 FROM logs AS newer WHERE newer.sha256 = log.sha256 AND newer.rowid > log.rowid
+)
+AND (:vehicle IS NULL OR vehicle = :vehicle)
+AND (:first IS NULL OR substr(coalesce(date, ''), 1, 10) >= :first)
+AND (:last IS NULL OR substr(coalesce(date, ''), 1, 10) <= :last)
+"""
+"""Of every log the answer that was added last."""
+_IN_ORDER = "ORDER BY coalesce(date, ''), path"
+
+
+class Vehicles(Sequence[VehicleSeason]):
+    """Of a store in order of name, each read when it is looked at: memory holds one, of however many logs."""
+
+    def __init__(self, store: Store, wanted: Wanted) -> None:
+        self._store = store
+        self._wanted = wanted
+        found = store.rows(
+            f"SELECT DISTINCT vehicle {_WANTED} AND vehicle IS NOT NULL ORDER BY vehicle",
+            wanted.values,
+        )
+        self.names = [row["vehicle"] for row in found]
+        self._changes: dict[tuple[str, str, str], SizeChange | None] = {}
+        """Looking for one takes longer than reading the sizes."""
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, place: int) -> VehicleSeason: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[VehicleSeason]: ...
+    def __getitem__(self, place: int | slice) -> VehicleSeason | Sequence[VehicleSeason]:
+        """One is read from the store."""
+        if isinstance(place, slice):
+            return [self.named(name) for name in self.names[place]]
+        return self.named(self.names[place])
+
+    def named(self, name: str) -> VehicleSeason:
+        """The vehicle of a name."""
+        values = {**self._wanted.values, "name": name, "effect": self._wanted.effect}
+        of_name = f"{_WANTED} AND vehicle = :name"
+        logs = self._store.rows(f"SELECT * {of_name} {_IN_ORDER}", values)
+        effects: dict[str, list[Row]] = {}
+        for row in self._store.rows(
+            f"SELECT e.* FROM (SELECT sha256, question {of_name}) CROSS JOIN effects AS e "
+            "USING (sha256, question) WHERE :effect IS NULL OR effect = :effect ORDER BY e.rowid",
+            values,
+        ):
+            effects.setdefault(row["sha256"], []).append(row)
+        return self._vehicle(name, logs, effects)
+
+    def _vehicle(
+        self, name: str, logs: Sequence[Row], effects: Mapping[str, Sequence[Row]]
+    ) -> VehicleSeason:
+        judged = [row for row in logs if row["error"] is None]
+        last = logs[-1]
+        names = [_names(effects.get(row["sha256"], ())) for row in judged]
+        new: set[str] = set()
+        if len(names) > 1:
+            new = names[-1] - set().union(*names[:-1])
+        return VehicleSeason(
+            vehicle=name,
+            board=last["board"] or "",
+            firmware=last["firmware"] or "",
+            frame=last["frame"] or "",
+            first=logs[0]["date"] or "",
+            last=last["date"] or "",
+            judged=len(judged),
+            courses=tuple(self._courses(name, judged, effects)),
+            new=tuple(sorted(new)),
+            not_judged=tuple(
+                (row["path"], row["error"]) for row in logs if row["error"] is not None
+            ),
+        )
+
+    def _courses(
+        self, vehicle: str, logs: Sequence[Row], effects: Mapping[str, Sequence[Row]]
+    ) -> Iterator[Course]:
+        """Every parameter with a size, over all logs that have it."""
+        sizes: dict[tuple[str, str, str], list[Sized]] = {}
+        for row in logs:
+            for e in effects.get(row["sha256"], ()):
+                if e["value"] is None or e["low"] is None or not e["kept"]:
+                    continue
+                key = (e["effect"], e["parameter"], e["unit"] or "")
+                sizes.setdefault(key, []).append(
+                    Sized(
+                        log=row["path"],
+                        date=row["date"] or "",
+                        value=e["value"],
+                        low=e["low"],
+                        high=e["high"],
+                    )
+                )
+        for (effect, parameter, unit), course in sorted(sizes.items()):
+            known = (vehicle, effect, f"{parameter} {unit}")
+            if known not in self._changes:
+                self._changes[known] = change_of(course)
+            yield Course(
+                effect=effect,
+                parameter=parameter,
+                unit=unit,
+                sizes=tuple(course),
+                change=self._changes[known],
+            )
 
 
 def season(store: Store, wanted: Wanted = ALL) -> Season:
-    """The vehicles, by the newest answer to every log."""
-    by_vehicle: dict[str, list[Row]] = {}
-    unknown = []
-    for row in filter(wanted.has, _newest(store)):
-        if row["vehicle"] is None:
-            unknown.append((row["path"], row["error"] or "does not say"))
-        else:
-            by_vehicle.setdefault(row["vehicle"], []).append(row)
-    effects: dict[tuple[str, str], list[Row]] = {}
-    for row in store.rows("SELECT * FROM effects"):
-        if wanted.effect in (None, row["effect"]):
-            effects.setdefault((row["sha256"], row["question"]), []).append(row)
-    vehicles = tuple(_vehicle(name, rows, effects) for name, rows in sorted(by_vehicle.items()))
-    return Season(vehicles=vehicles, common=_common(vehicles), unknown=tuple(unknown))
-
-
-def _newest(store: Store) -> list[Row]:
-    """Of every log the answer that was added last, in order of date."""
-    newest: dict[str, Row] = {}
-    for row in store.rows("SELECT * FROM logs ORDER BY rowid"):
-        newest[row["sha256"]] = row
-    return sorted(newest.values(), key=lambda row: (row["date"] or "", row["path"]))
-
-
-def _vehicle(
-    name: str,
-    logs: Sequence[Row],
-    effects: Mapping[tuple[str, str], Sequence[Row]],
-) -> VehicleSeason:
-    judged = [row for row in logs if row["error"] is None]
-    of_log = {row["sha256"]: effects.get((row["sha256"], row["question"]), []) for row in judged}
-    last = logs[-1]
-    names = [_names(of_log[row["sha256"]]) for row in judged]
-    new: set[str] = set()
-    if len(names) > 1:
-        new = names[-1] - set().union(*names[:-1])
-    return VehicleSeason(
-        vehicle=name,
-        board=last["board"] or "",
-        firmware=last["firmware"] or "",
-        frame=last["frame"] or "",
-        first=logs[0]["date"] or "",
-        last=last["date"] or "",
-        judged=len(judged),
-        courses=tuple(_courses(judged, of_log)),
-        new=tuple(sorted(new)),
-        not_judged=tuple((row["path"], row["error"]) for row in logs if row["error"] is not None),
+    """The vehicles, by the newest answer to every log; as long as the store is open."""
+    vehicles = Vehicles(store, wanted)
+    altered = []
+    judged = 0
+    of_effect: Counter[str] = Counter()
+    flown = 0
+    for v in vehicles:
+        judged += v.judged
+        flown += v.judged > 0
+        of_effect.update({course.effect for course in v.courses})
+        if v.changed or v.new:
+            altered.append(v.vehicle)
+    unknown = store.rows(
+        f"SELECT path, error {_WANTED} AND vehicle IS NULL {_IN_ORDER}", wanted.values
+    )
+    return Season(
+        vehicles=vehicles,
+        altered=tuple(altered),
+        judged=judged,
+        common=_common(of_effect, flown),
+        effects=tuple(sorted(of_effect)),
+        unknown=tuple((row["path"], row["error"] or "does not say") for row in unknown),
     )
 
 
 def _names(effects: Sequence[Row]) -> set[str]:
     """What of a log's effects the next flight has, too: every day has another wind."""
     return {row["effect"] for row in effects if row["kept"]}
-
-
-def _courses(logs: Sequence[Row], of_log: Mapping[str, Sequence[Row]]) -> Iterable[Course]:
-    """Every parameter with a size, over all logs that have it."""
-    sizes: dict[tuple[str, str, str], list[Sized]] = {}
-    for row in logs:
-        for e in of_log[row["sha256"]]:
-            if e["value"] is None or e["low"] is None or not e["kept"]:
-                continue
-            key = (e["effect"], e["parameter"], e["unit"] or "")
-            sizes.setdefault(key, []).append(
-                Sized(
-                    log=row["path"],
-                    date=row["date"] or "",
-                    value=e["value"],
-                    low=e["low"],
-                    high=e["high"],
-                )
-            )
-    for (effect, parameter, unit), course in sorted(sizes.items()):
-        yield Course(
-            effect=effect,
-            parameter=parameter,
-            unit=unit,
-            sizes=tuple(course),
-            change=change_of(course),
-        )
 
 
 def change_of(sizes: Sequence[Sized]) -> SizeChange | None:
@@ -235,14 +296,12 @@ def change_of(sizes: Sequence[Sized]) -> SizeChange | None:
     )
 
 
-def _common(vehicles: Sequence[VehicleSeason]) -> tuple[str, ...]:
-    judged = [v for v in vehicles if v.judged]
-    if len(judged) < FLEET:
+def _common(of_effect: Counter[str], vehicles: int) -> tuple[str, ...]:
+    """By vehicles of every effect, of those that were judged."""
+    if vehicles < FLEET:
         return ()
-    count: Counter[str] = Counter()
-    for v in judged:
-        count.update({course.effect for course in v.courses})
-    return tuple(sorted(name for name, n in count.items() if n >= max(OFTEN * len(judged), 2.0)))
+    least = max(OFTEN * vehicles, 2.0)
+    return tuple(sorted(name for name, count in of_effect.items() if count >= least))
 
 
 def _vehicle_json(v: VehicleSeason) -> dict[str, Any]:
@@ -296,6 +355,9 @@ def _vehicle_text(v: VehicleSeason) -> list[str]:
         )
     if v.new:
         lines.append(f"  new on the last log: {', '.join(v.new)}")
-    for log, why in v.not_judged:
-        lines.append(f"  not judged: {log}: {why}")
+    latest = {why: log for log, why in v.not_judged}
+    count = Counter(why for _, why in v.not_judged)
+    for why, log in latest.items():
+        many = f"{count[why]} logs, the latest " if count[why] > 1 else ""
+        lines.append(f"  not judged: {many}{log}: {why}")
     return lines

@@ -62,6 +62,7 @@ def _day(text: str) -> date:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
+    from models.common.arguments import speaks
     from models.common.errors import ConfigError
     from replay.command import check_targets, write_answer
     from replay.fleet.season import Wanted, season
@@ -75,15 +76,17 @@ def run(a: argparse.Namespace) -> int:
     wanted = Wanted(a.vehicle, a.effect, a.first, a.last)
     with Store.open(a.store) as store:
         found = season(store, wanted)
-    if a.vehicle is not None and not found.vehicles:
-        raise ConfigError(f"--vehicle {a.vehicle}: the store has no log of it on these days")
-    if a.csv is not None:
-        write_csv(found, a.view, a.csv)
-    if a.parquet is not None:
-        write_parquet(found, a.view, a.parquet)
-    content = {"store": str(a.store), **found.as_json()}
-    write_answer(a, content, [found.as_text()], lambda: page(found))
-    alarm = any(v.changed or v.new for v in found.vehicles)
-    if a.alarm and alarm:
+        if a.vehicle is not None and not found.vehicles:
+            raise ConfigError(f"--vehicle {a.vehicle}: the store has no log of it on these days")
+        if a.csv is not None:
+            write_csv(found, a.view, a.csv)
+        if a.parquet is not None:
+            write_parquet(found, a.view, a.parquet)
+        content: dict[str, Any] = {}
+        if a.json is not None:
+            content = {"store": str(a.store), **found.as_json()}
+        lines = [found.as_text()] if speaks(a) else []
+        write_answer(a, content, lines, lambda: page(found))
+    if a.alarm and found.altered:
         return CHANGED
     return 0

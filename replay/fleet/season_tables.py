@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from models.common.errors import ConfigError
 from models.common.extras import how_to_install
-from models.common.pages.document import write_document
+from models.common.text_file import replaced
 from replay.fleet.season import Season
 
 Row = dict[str, Any]
+BLOCK = 10_000
+"""Rows of a table that memory holds."""
 
 
 def _sizes(found: Season) -> Iterator[Row]:
@@ -110,11 +112,10 @@ VIEWS = {
 
 def write_csv(found: Season, view: str, path: Path) -> None:
     """The columns' names in the first line. Raises ConfigError."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(VIEWS[view].columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(VIEWS[view].rows(found))
-    write_document("--csv", path, text.getvalue())
+    with replaced("--csv", path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(VIEWS[view].columns), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(VIEWS[view].rows(found))
 
 
 def check_parquet() -> None:
@@ -130,10 +131,9 @@ def write_parquet(found: Season, view: str, path: Path) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
-    rows = list(VIEWS[view].rows(found))
     kinds = {str: pa.string(), float: pa.float64(), int: pa.int64()}
     schema = pa.schema([(name, kinds[kind]) for name, kind in VIEWS[view].columns.items()])
-    try:
-        parquet.write_table(pa.Table.from_pylist(rows, schema), path)
-    except OSError as error:
-        raise ConfigError(f"--parquet {path}: cannot be written ({error})") from None
+    rows = VIEWS[view].rows(found)
+    with replaced("--parquet", path) as part, parquet.ParquetWriter(part, schema) as file:
+        while block := list(islice(rows, BLOCK)):
+            file.write_table(pa.Table.from_pylist(block, schema))

@@ -74,6 +74,23 @@ class Store:
         except sqlite3.Error as error:
             raise ConfigError(f"{file}: {error}") from None
 
+    @classmethod
+    @contextmanager
+    def look(cls, path: Path) -> Iterator[Store]:
+        """Only to read, beside a run that writes. Raises ConfigError where there is none yet."""
+        file = path / NAME
+        try:
+            with closing(sqlite3.connect(f"{file.as_uri()}?mode=ro", uri=True)) as connection:
+                connection.row_factory = sqlite3.Row
+                yield cls(file, connection)
+        except sqlite3.Error as error:
+            raise ConfigError(f"{file}: {error}") from None
+
+    def last(self) -> int:
+        """A number that grows with every answer that is put in."""
+        (row,) = self.rows("SELECT coalesce(max(rowid), 0) AS last FROM logs")
+        return int(row["last"])
+
     def add(self, question: str, answer: Mapping[str, Any]) -> None:
         """Put an answer in place of an older one to the same question about the same log."""
         key = (answer["sha256"], question)
@@ -98,6 +115,12 @@ class Store:
                     (*key, fault["channel"], fault["what"]),
                 )
 
+    def forget(self, sha256: str) -> None:
+        """All that is known of a log: it was the beginning of another one."""
+        with self._connection as c:
+            for table in ("logs", "effects", "faults", "identities"):
+                c.execute(f"DELETE FROM {table} WHERE sha256 = ?", (sha256,))
+
     def put(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         """Whole rows of a table, in place of older ones of the same key."""
         if not rows:
@@ -106,7 +129,9 @@ class Store:
         with self._connection as c:
             c.executemany(f"INSERT OR REPLACE INTO {table} VALUES ({marks})", rows)
 
-    def rows(self, query: str, values: tuple[Any, ...] = ()) -> list[sqlite3.Row]:
+    def rows(
+        self, query: str, values: tuple[Any, ...] | Mapping[str, Any] = ()
+    ) -> list[sqlite3.Row]:
         """What a query finds."""
         return self._connection.execute(query, values).fetchall()
 

@@ -15,11 +15,13 @@ from typing import Any
 
 from companion.vehicles import chosen_vehicle
 from models.common.errors import ConfigError, UserError
-from models.common.text_file import make_folder, write_text
+from models.common.pages.document import write_document
+from models.common.text_file import make_folder
 from replay.fleet.store import Store
 from replay.fleet.workers import Lost, Place, results
 from replay.identity import VehicleIdentity
 from replay.logs.formats import load
+from replay.progress import Progress
 from replay.vehicle.draft import LOGS, draft
 from replay.vehicle.given import Given
 from replay.vehicle.identity import identity
@@ -48,9 +50,10 @@ def assign(
     out: Path,
     store: Store,
     place: Place,
+    quiet: bool = False,
 ) -> Assigned:
     """``logs`` by sha256; ``given_files`` by the names of ``named``."""
-    known = _identities(logs, target_system, store, place)
+    known = _identities(logs, target_system, store, place, quiet)
     files = {}
     groups: dict[str, list[str]] = {}
     used = set()
@@ -65,7 +68,15 @@ def assign(
     drafts = {}
     for name, group in groups.items():
         drafts[name] = [logs[sha256] for sha256 in group]
-    made, failed = _drafted(drafts, given, target_system, out / FOLDER, store, place)
+    made, failed = _drafted(
+        drafts,
+        given,
+        target_system=target_system,
+        folder=out / FOLDER,
+        store=store,
+        place=place,
+        quiet=quiet,
+    )
     said = {row["name"]: json.loads(row["facts"]) for row in store.rows("SELECT * FROM drafts")}
     told = {}
     for name, file in made.items():
@@ -105,13 +116,17 @@ def shared_name(who: VehicleIdentity) -> str | None:
 
 
 def _identities(
-    logs: Mapping[str, Path], target_system: int | None, store: Store, place: Place
+    logs: Mapping[str, Path],
+    target_system: int | None,
+    store: Store,
+    place: Place,
+    quiet: bool,
 ) -> dict[str, VehicleIdentity]:
     """Of all logs that can be read; each is read once."""
     out = {}
-    for row in store.rows("SELECT * FROM identities"):
-        if row["sha256"] in logs:
-            out[row["sha256"]] = VehicleIdentity(
+    for sha256 in logs:
+        for row in store.rows("SELECT * FROM identities WHERE sha256 = ?", (sha256,)):
+            out[sha256] = VehicleIdentity(
                 vehicle=row["vehicle"],
                 board=row["board"],
                 firmware=row["firmware"],
@@ -120,7 +135,9 @@ def _identities(
             )
     unread = {sha256: log for sha256, log in logs.items() if sha256 not in out}
     asked = partial(_identity, target_system=target_system)
-    for sha256, who in results(asked, unread, place):
+    progress = Progress(what="logs looked at for their vehicle", total=len(unread), quiet=quiet)
+    working = results(asked, unread, place)
+    for sha256, who in progress.counted(working, failed=lambda done: done[1] is None):
         if isinstance(who, VehicleIdentity):
             out[sha256] = who
             store.put("identities", [(sha256, *who.as_json().values())])
@@ -139,10 +156,12 @@ def _identity(log: Path, target_system: int | None) -> VehicleIdentity | None:
 def _drafted(
     groups: Mapping[str, Sequence[Path]],
     given: Given,
+    *,
     target_system: int | None,
     folder: Path,
     store: Store,
     place: Place,
+    quiet: bool,
 ) -> tuple[dict[str, Path], list[str]]:
     """Vehicle files by name, and a line for every vehicle that cannot be drafted."""
     said = repr(given)
@@ -161,7 +180,9 @@ def _drafted(
     asked = partial(_draft, given=given, target_system=target_system)
     tasks = {name: (logs, out[name]) for name, logs in wanted.items()}
     of_draft = replace(place, most_s=LOGS * place.most_s)
-    for name, done in results(asked, tasks, of_draft):
+    progress = Progress(what="vehicles drafted", total=len(tasks), quiet=quiet)
+    working = results(asked, tasks, of_draft)
+    for name, done in progress.counted(working, failed=lambda one: isinstance(one[1], Lost)):
         if isinstance(done, _Drafted):
             store.put("drafts", [(name, min(len(wanted[name]), LOGS), said, done.facts)])
         else:
@@ -187,7 +208,7 @@ def _draft(
     logs, file = task
     try:
         made = draft(logs, given, target_system)
-        write_text("--out", file, made.as_toml())
+        write_document("--out", file, made.as_toml())
     except (UserError, MemoryError) as error:
         return Lost(str(error) or "too little memory")
     told = {"vehicle": made.as_json(), "notes": list(made.notes)}

@@ -29,6 +29,7 @@ from replay.cli import main  # noqa: E402
 from replay.desk.app import app  # noqa: E402
 from replay.desk.question import (  # noqa: E402
     FIELDS,
+    Asked,
     Question,
     in_words,
     rows,
@@ -36,6 +37,7 @@ from replay.desk.question import (  # noqa: E402
 from replay.desk.store import Ask, Desk, Drop, safe_name  # noqa: E402
 from replay.desk.work import Work  # noqa: E402
 from replay.fleet.jobs import error_text  # noqa: E402
+from replay.fleet.store import NAME, Store  # noqa: E402
 
 HERE = "http://127.0.0.1:8000"
 PATIENCE_S = HANG_S
@@ -81,6 +83,11 @@ def drop(client, **logs: bytes) -> str:
 def answer(client, page: str, **form) -> str:
     """The page once a question is answered, or is not."""
     assert client.post(f"{page}/asks", data=form).status_code == 200
+    return finished(client, page)
+
+
+def finished(client, page: str) -> str:
+    """The page once nothing is being done any more."""
     end = time.monotonic() + PATIENCE_S
     while 'class="doing"' in (text := client.get(page).text):
         assert time.monotonic() < end, text
@@ -338,18 +345,71 @@ def test_what_is_no_log_is_refused_in_one_line(idle, name, word):
     assert len(reply.text.splitlines()) == 1
 
 
-def test_a_season_says_how_far_it_is(tmp_path):
-    drop = Drop(tmp_path / "drop")
-    ask = Ask(drop.folder / "asks" / "1")
-    answers = ask.folder / "each" / "results"
-    for place in (drop.folder / "logs", answers):
-        place.mkdir(parents=True)
-    for name in "abc":
-        (drop.folder / "logs" / f"{name}.tlog").touch()
-    (answers / "x.json").touch()
+def test_a_season_says_how_far_it_is_to_every_browser(desk):
     work = Work()
-    work._steps[ask.folder] = "reads the logs"
-    assert work.step(ask) == "reads the logs: 1 of 3 done"
+    with testclient.TestClient(app(desk, work), base_url=HERE) as client:
+        page = drop(client, a=b"a", b=b"b", c=b"c")
+        of_desk = desk.drops[0]
+        ask = Question(Asked.SEASON).written(of_desk)
+        work._steps[ask.folder] = "reads the logs"
+        with Store.open(of_desk.each / NAME, make=True) as store:
+            store.add("of an earlier question", {"sha256": "a", "log": "a"})
+            work._before[ask.folder] = of_desk.last
+            for name in "ab":
+                store.add("q", {"sha256": name, "log": name})
+            for _ in range(2):
+                assert "reads the logs: 2 of 3 done" in client.get(page).text
+
+
+@pytest.mark.slow
+def test_a_cancelled_season_is_taken_up_again(desk, flown, tmp_path):
+    other = write_tlog(tmp_path / "b.tlog", quad_flight(30.0, seed=2))
+    with testclient.TestClient(app(desk), base_url=HERE) as client:
+        page = drop(client, a=flown)
+        answer(client, page, kind="season")
+        assert client.put(f"{page}/logs/b.tlog", content=other).status_code == 201
+        client.post(f"{page}/asks", data={"kind": "season"})
+        client.post(f"{page}/asks/2/cancel")
+        assert 'aria-label="Go on with question 2"' in client.get(page).text
+        (first,) = (path.stat() for path in results(desk))
+        assert client.post(f"{page}/asks/2/again").status_code == 200
+        text = finished(client, page)
+        assert 'asks/3/season/report.html">over time' in text
+        report = client.get(f"{page.replace('drops', 'files')}/asks/3/report.html").text
+        assert "2 of 2 logs could be used" in report
+        links = re.findall(r'href="(logs/[^"]*)"', report)
+        assert len(links) == 2
+        for link in links:
+            assert client.get(f"{page.replace('drops', 'files')}/asks/3/{link}").status_code == 200
+    kept = [path.stat() for path in results(desk)]
+    assert first.st_ino in [one.st_ino for one in kept], "it was not worked out twice"
+
+
+def results(desk: Desk) -> list[Path]:
+    return sorted((desk.drops[0].each / "results").iterdir())
+
+
+@pytest.mark.slow
+def test_a_log_that_is_removed_is_in_no_season(working, desk, flown, tmp_path):
+    other = write_tlog(tmp_path / "b.tlog", quad_flight(30.0, seed=2))
+    page = drop(working, a=flown, b=other)
+    answer(working, page, kind="season")
+    assert desk.drops[0].last == 2
+    working.post(f"{page}/logs/b.tlog/delete")
+    with Store.look(desk.drops[0].each) as store:
+        (row,) = store.rows("SELECT path FROM logs")
+    assert Path(row["path"]).name == "a.tlog"
+
+
+def test_what_is_asked_again_needs_its_logs(idle, desk, flown):
+    page = drop(idle, a=flown, b=b"b")
+    idle.post(f"{page}/asks", data={"kind": "changed", "good": "a.tlog", "mass_kg": "2"})
+    assert idle.post(f"{page}/asks/1/again").status_code == 200
+    assert desk.drops[0].asks[0].question["numbers"] == [["mass_kg", "2"]]
+    idle.post(f"{page}/logs/a.tlog/delete")
+    refused = idle.post(f"{page}/asks/1/again")
+    assert refused.status_code == 404
+    assert "a.tlog: is not here" in refused.text
 
 
 def test_what_is_too_large_is_refused_with_and_without_an_announced_size(idle, desk):
@@ -512,6 +572,24 @@ def test_a_browser_drops_two_logs_and_reads_the_answer(served, flown, tmp_path):
             if e.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded")
         ]
         assert [m for m in messages if "415" not in json.dumps(m)] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_a_folder_is_a_season(served, flown, tmp_path):
+    logs = tmp_path / "logs"
+    (logs / "may").mkdir(parents=True)
+    (logs / "may" / "a.tlog").write_bytes(flown)
+    (logs / "notes.txt").write_text("windy")
+    with Browser() as browser:
+        browser.open(served)
+        root = browser.ask("DOM.getDocument")["root"]["nodeId"]
+        folder = browser.ask("DOM.querySelector", nodeId=root, selector="#folder")["nodeId"]
+        browser.ask("DOM.setFileInputFiles", nodeId=folder, files=[str(logs)])
+        until(browser, "document.getElementById('answer')")
+        text = browser.value("document.body.innerText")
+        assert "Each log by itself" in text
+        assert "over time" in text
 
 
 def until(browser: Browser, condition: str) -> None:

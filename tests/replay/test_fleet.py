@@ -18,8 +18,9 @@ from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform, work
-from replay.fleet.page import common_effects
-from replay.fleet.results import Answers, keep, known, logs_in, table
+from replay.fleet.page import common_effects, page
+from replay.fleet.results import Answers, keep, known, logs_in, write_table
+from replay.fleet.store import Store
 from replay.fleet.workers import Place
 
 DAY_US = 86_400_000_000
@@ -201,6 +202,72 @@ def test_what_logs_cannot_tell_apart_counts_as_one():
     assert common_effects([log("wind"), log("wind"), log("payload")]) == [["wind"]]
 
 
+def test_vehicles_are_never_pooled():
+    def log(vehicle, name):
+        return {
+            "log": "a.tlog",
+            "page": None,
+            "date": "",
+            "identity": {"vehicle": vehicle},
+            "verdict": "explained",
+            "duration_s": 60.0,
+            "effects": [{"name": name}],
+            "aliases": [],
+        }
+
+    twice = [log("board-A", "payload"), log("board-A", "payload")]
+    assert "Most logs show the same effect: payload" in page("season", twice)
+    others = [log("board-B", "wind"), log("board-B", "payload"), log("", "payload")]
+    assert "1 of 3 vehicles show an effect on most of their logs" in page(
+        "season", [*twice, *others]
+    )
+
+
+@pytest.mark.slow
+def test_table_and_page_come_as_it_goes(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("replay.fleet.folder.WRITE_EVERY_S", 0.0)
+    written = []
+    real = write_table
+
+    def seen(target, answers):
+        written.append(len(answers))
+        return real(target, answers)
+
+    monkeypatch.setattr("replay.fleet.folder.write_table", seen)
+    monkeypatch.setattr("replay.fleet.folder.time.monotonic", iter(range(1000)).__next__)
+    assert main(["run", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert written[0] == 1
+    assert written[-1] == 3
+
+
+@pytest.mark.slow
+def test_what_cannot_be_judged_says_what_to_set(tmp_path):
+    log = tmp_path / "a.tlog"
+    write_tlog(log, quad_flight(30.0, imu=False))
+    answer = perform(Job.of("diagnose", log, {"--model": "none", "--vehicle": QUAD}))
+    assert re.search(
+        "accelerometer.*; for the next log set .*(HIGHRES_IMU|RAW_SENS)", answer["error"]
+    )
+    write_tlog(log, quad_flight(30.0, parked=True))
+    answer = perform(Job.of("diagnose", log, {"--model": "none", "--vehicle": QUAD}))
+    assert "for the next log" not in answer["error"], "nothing that could be set"
+
+
+@pytest.mark.slow
+def test_two_runs_at_once_share_a_store(tmp_path):
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for seed in range(3):
+        write_tlog(logs / f"{seed}.tlog", quad_flight(30.0, seed=seed))
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "replay", "diagnose", str(logs), "--model=none"]
+    both = [subprocess.Popen([*command, f"--out={out}", "--workers=1"]) for _ in range(2)]
+    assert [one.wait(HANG_S) for one in both] == [0, 0]
+    with Store.open(out) as store:
+        (row,) = store.rows("SELECT count(*) AS n, count(DISTINCT sha256) AS logs FROM logs")
+    assert (row["n"], row["logs"]) == (3, 3)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 def test_a_real_browser_shows_the_page_of_a_folder(folder, tmp_path):
@@ -241,12 +308,12 @@ def test_bad_arguments(folder, tmp_path, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 6
 
 
-def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it():
+def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it(tmp_path):
     answers = [
         {"log": "a", "error": "bad"},
         {"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}},
     ]
-    assert table(answers).splitlines() == [
+    assert write_table(tmp_path / "table.csv", answers).read_text().splitlines() == [
         "log,error,duration_s,refusals_s.landed",
         "a,bad,,",
         "b,,2.0,1.0",
@@ -272,7 +339,7 @@ def test_answers_are_read_when_they_are_looked_at(folder, tmp_path):
     assert [a["duration_s"] for a in answers[1:]] == [7.0, 2.0], "none is held in memory"
     (tmp_path / "results" / f"{jobs[2].name}.json").unlink()
     assert answers[2]["error"] == "its answer is gone"
-    assert len(table(answers).splitlines()) == 4
+    assert len(write_table(tmp_path / "table.csv", answers).read_text().splitlines()) == 4
 
 
 def test_dask_does_the_same_work(folder, tmp_path, capsys):

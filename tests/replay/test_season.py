@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import sqlite3
 import sys
+import weakref
 from collections.abc import Iterator
 from contextlib import ExitStack
 from datetime import date
@@ -21,8 +23,9 @@ from log_writers import quad_flight, write_tlog
 from companion.vehicles import QUAD
 from models.common.errors import ConfigError
 from replay.cli import main
+from replay.fleet import season_page
 from replay.fleet.season import Sized, Wanted, change_of, season
-from replay.fleet.season_page import page
+from replay.fleet.season_page import MOST_POINTS, page
 from replay.fleet.season_tables import VIEWS
 from replay.fleet.store import NAME, SCHEMA, Store
 
@@ -134,6 +137,16 @@ def test_what_is_new_and_what_cannot_be_judged(store: Store) -> None:
     assert vehicle.not_judged == (("/logs/board-A/4.tlog", "no accelerometer"),)
 
 
+def test_one_reason_is_one_line_of_the_text(store: Store) -> None:
+    for day in range(1, 5):
+        store.add("q", answer(day, effects=[], error="did not fly" if day < 4 else "cut"))
+    lines = season(store).as_text().splitlines()
+    assert lines[2:] == [
+        "  not judged: 3 logs, the latest /logs/board-A/3.tlog: did not fly",
+        "  not judged: /logs/board-A/4.tlog: cut",
+    ]
+
+
 def test_one_vehicle_one_effect_or_some_days(store: Store) -> None:
     for day in range(1, 13):
         store.add("q", answer(day, scale=0.0 if day < 7 else -0.08))
@@ -188,6 +201,48 @@ def test_the_page_says_what_its_filters_need(store: Store) -> None:
     assert '<div data-effect="thrust_scale"><figure>' in text
     assert "<option>thrust_scale</option>" in text
     assert "<title>2026-05-07, 7.tlog: -0.08 1, 95 %: -0.09 to -0.07</title>" in text
+
+
+def test_a_page_of_many_logs_shows_means_of_logs_that_follow_each_other(store: Store) -> None:
+    for number in range(MOST_POINTS + 20):
+        more = {
+            "sha256": str(number),
+            "date": f"2026-05-01T00:{number // 60:02d}:{number % 60:02d}Z",
+        }
+        store.add("q", answer(1, scale=float(number), **more))
+    text = page(season(store))
+    assert text.count('<g class="dot after">') == MOST_POINTS
+    assert "<title>2026-05-01 to 2026-05-01, 2 logs: mean 0.5 1</title>" in text
+    assert "means of 2 logs, and where 95 % of these lie" in text
+
+
+def test_a_page_has_so_many_plots_and_of_the_other_vehicles_the_names(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(season_page, "MOST_PLOTS", 3)
+    monkeypatch.setattr(season_page, "MOST_ROWS", 1)
+    for vehicle in ("board-A", "board-B", "board-C"):
+        for day in range(1, 13):
+            changed = vehicle == "board-C" and day >= 7
+            store.add("q", answer(day, vehicle=vehicle, scale=-0.08 if changed else 0.0))
+    for day in (13, 14):
+        store.add("q", answer(day, effects=[], error="no accelerometer", identity={}))
+    text = page(season(store))
+    shown = re.findall(r'<section data-vehicle="(.*?)"', text)
+    assert shown == ["board-C", "board-A"], "what changed first"
+    assert "shows one: board-B." in text
+    assert "And 1 more: <code>replay season STORE --view unjudged" in text
+
+
+def test_a_season_holds_one_vehicle_in_memory(store: Store) -> None:
+    for vehicle in range(40):
+        for day in range(1, 13):
+            store.add("q", answer(day, vehicle=f"board-{vehicle:02d}"))
+    found = season(store)
+    assert len(found.vehicles) == 40
+    first = weakref.ref(found.vehicles[0])
+    assert first() is None, "nobody keeps it"
+    assert [v.vehicle for v in found.vehicles[38:]] == ["board-38", "board-39"]
 
 
 @pytest.mark.slow

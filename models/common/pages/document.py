@@ -13,7 +13,7 @@ from html import escape
 from pathlib import Path
 
 from models.common.pages.svg import STYLE
-from models.common.text_file import make_folder, write_text
+from models.common.text_file import make_folder, replaced
 
 _HERE = Path(__file__).parent
 PAGE_STYLE = (
@@ -47,9 +47,10 @@ def document(title: str, parts: Iterable[str]) -> str:
 
 
 def write_document(option: str, target: Path, text: str) -> Path:
-    """Write a page, its folder created. Raises ConfigError, which names the ``option``, where that fails."""
+    """Write a page, its folder created: whole, or the old one stays. Raises ConfigError, which names the ``option``."""
     make_folder(option, target.parent)
-    write_text(option, target, text)
+    with replaced(option, target) as part:
+        part.write_text(text, encoding="utf-8")
     return target
 
 

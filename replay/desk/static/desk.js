@@ -34,8 +34,30 @@ function ask(page, kind) {
   questions.submit();
 }
 
-async function take(files) {
+const isLog = file => $("files").accept.split(",").some(suffix => file.name.toLowerCase().endsWith(suffix));
+
+async function inside(entry) {  // every log of a folder, and of the folders in it
+  if (entry.isFile) return [await new Promise((done, failed) => entry.file(done, failed))].filter(isLog);
+  const reader = entry.createReader(), found = [];
+  for (;;) {  // some at a time
+    const some = await new Promise((done, failed) => reader.readEntries(done, failed));
+    if (!some.length) return found;
+    for (const one of some) found.push(...await inside(one));
+  }
+}
+
+async function dropped(data) {
+  const entries = [...data.items].map(item => item.webkitGetAsEntry());
+  const files = [...data.files];
+  if (!entries.some(entry => entry?.isDirectory)) { take(files); return; }
+  const found = [];
+  for (const entry of entries) found.push(...await inside(entry));
+  take(found, "season");
+}
+
+async function take(files, kind) {
   $("refused").replaceChildren();
+  if (!files.length) { refuse("there is no log in it"); return; }
   const known = zone.dataset.page;
   const page = known || (await (await fetch("/drops", { method: "POST" })).json()).page;
   let kept = 0;
@@ -45,7 +67,7 @@ async function take(files) {
     if (!known) await fetch(`${page}/delete`, { method: "POST" });
     return;
   }
-  const go = () => known ? location.reload() : ask(page, kept > 1 ? "season" : "missing");
+  const go = () => known ? location.reload() : ask(page, kind ?? (kept > 1 ? "season" : "missing"));
   if (!$("refused").childElementCount) { go(); return; }
   const button = Object.assign(document.createElement("button"), { textContent: `Go on with ${kept} of ${files.length}`, onclick: go });
   $("sending").append(button);
@@ -53,8 +75,9 @@ async function take(files) {
 
 zone.addEventListener("dragover", e => { e.preventDefault(); zone.className = "over"; });
 zone.addEventListener("dragleave", () => { zone.className = ""; });
-zone.addEventListener("drop", e => { e.preventDefault(); zone.className = ""; take([...e.dataTransfer.files]); });
+zone.addEventListener("drop", e => { e.preventDefault(); zone.className = ""; dropped(e.dataTransfer); });
 $("files").addEventListener("change", e => take([...e.target.files]));
+$("folder").addEventListener("change", e => take([...e.target.files].filter(isLog), "season"));
 
 const answer = $("answer");
 if (answer) {  // as high as what is in it, so that the page scrolls and not a part of it

@@ -1,6 +1,7 @@
 """A folder of logs while its processes are killed: what is lost, computed twice or left behind, and does memory grow?
 
-    python tests/benchmarks speed.fleet_killed FOLDER [--logs 200] [--seconds 20] [--result FILE]
+    python tests/benchmarks speed.fleet_killed FOLDER [--logs 200] [--seconds 20] [--workers 2] [--way here]
+        [--keep DIR] [--result FILE]
 
 The logs are copies of the first seconds of the forty shortest .tlog of FOLDER: a board for each of the forty, a line of
 its own for each copy. Some are broken, some are there twice. They are diagnosed twice, each time in another way:
@@ -8,10 +9,14 @@ its own for each copy. Some are broken, some are there twice. They are diagnosed
 - here by two processes: one is killed at a quarter, the command at half (SIGKILL); then the same command again
 - by a Dask cluster of two workers: one is killed at a quarter, the command at half; then another worker and the same
   command again
+
+With ``--keep`` it can itself be killed: the same command goes on. Answers that were there at any start must stay as
+they are. At last the store is asked, as ``speed.fleet`` does.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -19,8 +24,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +38,9 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.wire_frames import checked_end
 from companion.sim.process import free_port
 from replay.fleet.store import Store
+from speed.fleet import asked, asked_figures
+from speed.fleet_notes import Notes, children, works
+from speed.fleet_notes import count as answers
 
 SOURCES = 40
 BROKEN_EVERY = 40
@@ -40,16 +48,19 @@ TWICE_EVERY = 25
 INFO = mavlink.MAV_SEVERITY_INFO
 STAMP = 8
 """Bytes before a packet: microseconds since 1970."""
-CHILD = "replay.fleet.child"
+LOGS = "logs"
 LEFT_S = 60.0
 """So long we look for processes that are left behind."""
+LOOK_S = 1.0
+WRITE_EVERY = 30
+"""Looks."""
 DASK = [sys.executable, "-m", "dask"]
 QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 
 
 def make_logs(sources: Sequence[Path], folder: Path, count: int, seconds: float) -> int:
     """Write so many files; returns how many contents they have."""
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     contents = set()
     cuts = [first(source.read_bytes(), seconds) for source in sources]
     for number in range(count):
@@ -57,8 +68,10 @@ def make_logs(sources: Sequence[Path], folder: Path, count: int, seconds: float)
             content = made(number - 1, cuts)
         else:
             content = made(number, cuts)
-        (folder / f"{number:05d}.tlog").write_bytes(content)
-        contents.add(content)
+        contents.add(hashlib.sha256(content).digest())
+        file = folder / f"{number:05d}.tlog"
+        if not file.is_file() or file.stat().st_size != len(content):
+            file.write_bytes(content)
     return len(contents)
 
 
@@ -89,152 +102,95 @@ def first(content: bytes, seconds: float) -> bytes:
     return content[:at]
 
 
-@dataclass
-class Memory:
-    """Resident memory [MiB] of a command and of its largest process, over answers that are there."""
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """To do the logs."""
 
-    command: list[tuple[int, float]] = field(default_factory=list)
-    largest: float = 0.0
-
-    def look(self, process: psutil.Process, workers: Sequence[psutil.Process], done: int) -> None:
-        """Once."""
-        size = mebibytes(process)
-        if size:  # else it has just ended
-            self.command.append((done, size))
-        self.largest = max([self.largest, *map(mebibytes, workers)])
-
-    @property
-    def growth(self) -> float:
-        """Of the command, MiB for a hundred answers, over the second half of what was looked at."""
-        half = self.command[len(self.command) // 2 :]
-        (first, low), (last, high) = half[0], half[-1]
-        return 100.0 * (high - low) / max(last - first, 1)
+    command: Sequence[str]
+    out: Path
+    roots: Callable[[int], Sequence[int]]
+    """Whose children work, from the process of the command."""
+    kill: Callable[[], None]
+    """At a quarter."""
+    again: Callable[[], None] = lambda: None
+    """Before the second start."""
 
 
-def mebibytes(process: psutil.Process) -> float:
-    try:
-        return process.memory_info().rss / 2**20
-    except psutil.NoSuchProcess:
-        return 0.0
+def killed(way: Way, count: int, notes: Notes) -> None:
+    """Start, kill a worker, kill the command, start again; goes on where the notes end."""
+    if notes.left_s is None:
+        notes.left_s = first_start(way, count, notes)
+        notes.write()
+        way.again()
+    said = way.out.with_suffix(".txt")
+    with said.open("w", encoding="utf-8") as stdout, started(way, notes, stdout) as process:
+        while process.poll() is None:
+            looked(way, notes, process)
+    for line in said.read_text(encoding="utf-8").splitlines():
+        if "known from before" in line:
+            notes.known = int(line.split(", ")[1].split()[0])
+    notes.write()
 
 
-def children(roots: Sequence[int]) -> list[psutil.Process]:
-    """Processes that work on logs, below these."""
-    found = []
-    for root in roots:
-        try:
-            found += psutil.Process(root).children(recursive=True)
-        except psutil.NoSuchProcess:
-            continue
-    return [child for child in found if works(child)]
-
-
-def works(process: psutil.Process) -> bool:
-    try:
-        return CHILD in process.cmdline() and process.status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
-
-
-def answers(out: Path) -> dict[str, tuple[int, int]]:
-    """Files of answers: which, and when they were written."""
-    files = (out / "results").glob("*.json")
-    return {file.name: (file.stat().st_ino, file.stat().st_mtime_ns) for file in files}
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Of one way to do the logs."""
-
-    per_minute: float
-    seconds_left: float
-    """Until the processes of the killed command were gone."""
-    kept: int
-    """Answers when the command was killed."""
-    known: int
-    """Of these, taken over by the same command."""
-    rewritten: int
-    stored: int
-    lost: int
-    """Stored answers that failed for a passing reason."""
-    memory: Memory
-
-
-def killed(
-    command: Sequence[str],
-    out: Path,
-    count: int,
-    *,
-    roots: Callable[[int], Sequence[int]],
-    kill: Callable[[], None],
-    again: Callable[[], None],
-) -> Outcome:
-    """``roots``: whose children work, from the process of the command.
-
-    ``kill``: at a quarter; ``again``: before the second start.
-    """
-    start = time.monotonic()
-    memory = Memory()
-    process = subprocess.Popen(command, **QUIET)
-    watched = psutil.Process(process.pid)
-    half_killed = False
-    while (done := len(answers(out))) < count // 2 and process.poll() is None:
-        memory.look(watched, children(roots(process.pid)), done)
-        if done >= count // 4 and not half_killed:
-            half_killed = True
-            kill()
-        time.sleep(1.0)
-    left = children(roots(process.pid))
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    killed_s = time.monotonic()
-    while any(works(child) for child in left) and time.monotonic() - killed_s < LEFT_S:
+def first_start(way: Way, count: int, notes: Notes) -> float:
+    """Up to the kill of the command; seconds until its processes were gone."""
+    with started(way, notes, subprocess.DEVNULL) as process:
+        while process.poll() is None and (done := looked(way, notes, process)) < count // 2:
+            if done >= count // 4 and not notes.worker_killed:
+                notes.worker_killed = True
+                way.kill()
+        left = children(way.roots(process.pid))
+    start_s = time.monotonic()
+    while any(works(child) for child in left) and time.monotonic() - start_s < LEFT_S:
         time.sleep(0.1)
-    left_s = time.monotonic() - killed_s
-    busy_s = killed_s - start
-    before = answers(out)
-    again()
-    start = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    watched = psutil.Process(process.pid)
-    second = Memory()
-    while process.poll() is None:
-        second.look(watched, children(roots(process.pid)), len(answers(out)))
-        time.sleep(1.0)
-    said = process.stdout.read()
-    busy_s += time.monotonic() - start
-    after = answers(out)
-    second.largest = max(second.largest, memory.largest)
-    known = [
-        line.split(", ")[1].split()[0] for line in said.splitlines() if "known from before" in line
-    ]
-    with Store.open(out) as store:
-        stored = store.rows("SELECT count(*) AS n, sum(passing) AS lost FROM logs")[0]
-    return Outcome(
-        per_minute=60.0 * len(after) / busy_s,
-        seconds_left=left_s,
-        kept=len(before),
-        known=int((known or ["0"])[0]),
-        rewritten=sum(after.get(name) != stamp for name, stamp in before.items()),
-        stored=stored["n"],
-        lost=stored["lost"],
-        memory=second,
-    )
+    return time.monotonic() - start_s
 
 
-def here(folder: Path, logs: Path, contents: int) -> Outcome:
-    """Two processes of this machine."""
+@contextmanager
+def started(way: Way, notes: Notes, stdout: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """The command; after the block it is killed."""
+    notes.started(way.out)
+    process = subprocess.Popen(way.command, stdout=stdout)
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+
+def looked(way: Way, notes: Notes, process: subprocess.Popen[bytes]) -> int:
+    """A look at the memory after a while; answers that are there."""
+    start_s = time.monotonic()
+    time.sleep(LOOK_S)
+    done = answers(way.out)
+    with suppress(psutil.NoSuchProcess):
+        notes.look(psutil.Process(process.pid), children(way.roots(process.pid)), done)
+    notes.busy_s += time.monotonic() - start_s
+    if len(notes.command) % WRITE_EVERY == 0:
+        notes.write()
+    return done
+
+
+def here(folder: Path, contents: int, notes: Notes, workers: int) -> Path:
+    """Processes of this machine."""
     out = folder / "here"
-    command = diagnose(logs, out, "--workers=2")
 
     def kill() -> None:
-        children([os.getpid()])[0].kill()
+        for one in children([os.getpid()])[:1]:
+            one.kill()
 
-    return killed(command, out, contents, roots=lambda pid: [pid], kill=kill, again=lambda: None)
+    way = Way(
+        command=diagnose(folder / LOGS, out, f"--workers={workers}"),
+        out=out,
+        roots=lambda pid: [pid],
+        kill=kill,
+    )
+    killed(way, contents, notes)
+    return out
 
 
-def cluster(folder: Path, logs: Path, contents: int) -> Outcome:
-    """A Dask cluster of two workers that nobody starts anew."""
+def cluster(folder: Path, contents: int, notes: Notes, workers: int) -> Path:
+    """A Dask cluster of workers that nobody starts anew."""
     out = folder / "cluster"
     port = free_port()
     address = f"tcp://127.0.0.1:{port}"
@@ -248,24 +204,25 @@ def cluster(folder: Path, logs: Path, contents: int) -> Outcome:
         "--local-directory",
         str(folder),
     ]
-    started: list[subprocess.Popen[bytes]] = []
+    running: list[subprocess.Popen[bytes]] = []
 
     def start(command: Sequence[str]) -> None:
-        started.append(subprocess.Popen(command, **QUIET))
+        running.append(subprocess.Popen(command, **QUIET))
 
-    with ended(started):
+    way = Way(
+        command=diagnose(folder / LOGS, out, f"--scheduler={address}"),
+        out=out,
+        roots=lambda _: [process.pid for process in running],
+        kill=lambda: running[1].kill(),
+        again=lambda: start(worker),
+    )
+    with ended(running):
         start([*DASK, "scheduler", "--port", str(port), "--no-dashboard"])
-        start(worker)
-        start(worker)
+        for _ in range(workers):
+            start(worker)
         time.sleep(10.0)
-        return killed(
-            diagnose(logs, out, f"--scheduler={address}"),
-            out,
-            contents,
-            roots=lambda _: [process.pid for process in started],
-            kill=lambda: started[1].kill(),
-            again=lambda: start(worker),
-        )
+        killed(way, contents, notes)
+    return out
 
 
 @contextmanager
@@ -292,22 +249,35 @@ def diagnose(logs: Path, out: Path, *where: str) -> list[str]:
     ]
 
 
-def figures(name: str, found: Outcome, contents: int) -> list[dict[str, Any]]:
+def figures(name: str, out: Path, notes: Notes, contents: int) -> list[dict[str, Any]]:
     """Of one way."""
-    seen = found.memory
+    with Store.open(out) as store:
+        found = store.rows("SELECT count(*) AS n, sum(passing) AS lost FROM logs")[0]
+    rewritten = notes.rewritten(out)
+    per_minute = 60.0 * answers(out) / notes.busy_s
+    assert notes.left_s is not None
     return [
-        figure(f"{name}: answers at the end", f"{found.stored}", "", f"{contents}", found.stored == contents),
-        figure(f"{name}: logs that failed as their process was killed", f"{found.lost}", "", "0", found.lost == 0),
-        figure(f"{name}: answers taken over after SIGKILL of the command", f"{found.known} of {found.kept}", "", "all",
-               found.known == found.kept),
-        figure(f"{name}: of them computed again", f"{found.rewritten}", "", "0", found.rewritten == 0),
-        figure(f"{name}: processes of the killed command gone after [s]", f"{found.seconds_left:.1f}", "",
-               f"{LEFT_S:.0f}", found.seconds_left < LEFT_S),
-        figure(f"{name}: logs a minute, drafts and both starts included", f"{found.per_minute:.0f}"),
-        figure(f"{name}: largest process of the logs [MiB]", f"{seen.largest:.0f}"),
-        figure(f"{name}: the command [MiB]", f"{seen.command[-1][1]:.0f}",
-               f"{seen.growth:+.1f} for 100 answers, second half of the second run"),
+        figure(f"{name}: answers at the end", f"{found['n']}", "", f"{contents}", found["n"] == contents),
+        figure(f"{name}: logs that failed as their process was killed", f"{found['lost']}", "", "0",
+               found["lost"] == 0),
+        figure(f"{name}: answers taken over after SIGKILL of the command", f"{notes.known} of {notes.kept}", "", "all",
+               notes.known == notes.kept),
+        figure(f"{name}: of them computed again", f"{rewritten}", f"{notes.starts} starts", "0", rewritten == 0),
+        figure(f"{name}: processes of the killed command gone after [s]", f"{notes.left_s:.1f}", "",
+               f"{LEFT_S:.0f}", notes.left_s < LEFT_S),
+        figure(f"{name}: logs a minute, drafts and all starts included", f"{per_minute:.0f}"),
+        figure(f"{name}: largest process of the logs [MiB]", f"{notes.largest:.0f}"),
+        figure(f"{name}: the command [MiB]", f"{notes.command[-1][2]:.0f}",
+               f"{notes.growth:+.1f} for 100 answers, second half of the longest start"),
     ]  # fmt: skip
+
+
+def of_store(out: Path) -> list[dict[str, Any]]:
+    """What questions to it and its season cost."""
+    times: dict[str, float] = {}
+    with Store.open(out) as store:
+        size, peak = asked(store, times)
+    return asked_figures(times, f"{answers(out)} answers", size, peak)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -316,16 +286,20 @@ def main(argv: list[str] | None = None) -> int:
     p.add_argument("folder", type=Path, metavar="FOLDER")
     p.add_argument("--logs", type=int, default=200)
     p.add_argument("--seconds", type=float, default=20.0)
+    p.add_argument("--workers", type=int, default=2)
+    p.add_argument("--way", choices=WAYS, action="append", help="default: both")
+    p.add_argument("--keep", type=Path, metavar="DIR", help="the same command goes on from there")
     add_option(p)
     a = p.parse_args(argv)
     sources = sorted(a.folder.rglob("*.tlog"), key=lambda log: log.stat().st_size)[:SOURCES]
     found = []
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        contents = make_logs(sources, folder / "logs", a.logs, a.seconds)
-        for text, way in (("two processes", here), ("cluster of two workers", cluster)):
-            found += figures(text, way(folder, folder / "logs", contents), contents)
-            for one in found[-8:]:
+    with kept(a.keep) as folder:
+        contents = make_logs(sources, folder / LOGS, a.logs, a.seconds)
+        for way in a.way or WAYS:
+            notes = Notes.of(folder / f"{way}.json")
+            out = WAYS[way](folder, contents, notes, a.workers)
+            found += [*figures(way, out, notes, contents), *of_store(out)]
+            for one in found:
                 print(f"{one['what']}: {one['value']} {one.get('detail', '')}", flush=True)
     write_result(
         a,
@@ -334,6 +308,20 @@ def main(argv: list[str] | None = None) -> int:
         simulated=False,
     )
     return int(any(one.get("met") is False for one in found))
+
+
+@contextmanager
+def kept(folder: Path | None) -> Iterator[Path]:
+    """Where logs, answers and notes lie: a folder that stays, or one that goes."""
+    if folder is None:
+        with tempfile.TemporaryDirectory() as name:
+            yield Path(name)
+    else:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder.resolve()
+
+
+WAYS = {"here": here, "cluster": cluster}
 
 
 if __name__ == "__main__":
