@@ -110,6 +110,8 @@ class CheckSetup:
     config: PipelineConfig
     vehicle_file: str
     model_note: str | None = None
+    adapts: bool = True
+    """Whether the flight measures ground and wall (``--adapt full``)."""
     record: Path | None = None
     signed: bool = False
     """A signing key is given."""
@@ -254,10 +256,14 @@ def _vehicle_file(setup: CheckSetup) -> Iterator[Item]:
     for text in odd or [f"{vehicle.name}, {vehicle.mass_kg:g} kg"]:
         yield Item("vehicle file", _WARN if odd else Verdict.PASS, f"{setup.vehicle_file}: {text}")
     if setup.model_note is not None:
+        if setup.adapts:
+            what = "offsets only where this flight has measured ground and wall"
+        else:
+            what = "no offsets"
         yield Item(
             "model",
             _WARN,
-            f"no offsets: no model of this vehicle ({setup.model_note})",
+            f"{what}: no model of this vehicle ({setup.model_note})",
             "fly --survey BOX with --record FILE, then replay diagnose FILE --save-model DIR, and "
             "give --model DIR (docs/survey.md)",
         )

@@ -268,6 +268,7 @@ def _preflight(a: argparse.Namespace) -> int:
         config=config,
         vehicle_file=name,
         model_note=note,
+        adapts=flown.adapt is not Adapt.OFF,
         record=a.record,
         signed=a.signing_key is not None,
         live=log is None,

@@ -85,9 +85,15 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.ROTORS_WRONG)
     if not config.offsets:
         out.append(Reason.OFFSETS_OFF)
-    elif is_empty(config.model):
+    elif is_empty(config.model) and not _measured(state):
         out.append(Reason.NO_MODEL)
     return tuple(out)
+
+
+def _measured(state: PipelineState) -> bool:
+    """Whether this flight has measured anything of ground and wall."""
+    adaptation = state.learned.adaptation
+    return adaptation is not None and not adaptation.applied.near.is_nothing
 
 
 def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: float) -> None:

@@ -26,9 +26,10 @@ WITHOUT_MODEL = 1
 _ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
 _AXES = ((2,), (0, 1), (3, 4))
 _WIND = (at.NORTH, at.EAST)
-_MAP_SD = (0.05, 0.012, 0.05)
+_MAP_SD = (0.05, 0.02, 0.05)
 """Prior sd of what is measured of lift, pull (of a fan's thrust) and tilt (of that times the radius) without a model,
-within two rotor radii: half of the largest that is published (Ai et al. 2020; docs/lab/adaptation.md)."""
+within two rotor radii: of lift and tilt half of the largest that is published, of pull most of it
+(Ai et al. 2020; docs/lab/adaptation.md)."""
 _LEFT_SD = (0.015, 0.004, 0.015)
 """The same of what a right model leaves: its law is 10 to 30 % off."""
 _GROUND_SD = 1.0

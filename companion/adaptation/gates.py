@@ -10,7 +10,6 @@ from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
 from companion.mavlink.samples import Imu
 from models.common.frames import GRAVITY
-from models.surrogate.empty import is_empty
 
 NO_IMU = "no accelerometer"
 NOT_FLYING = "not flying, or taking off or landing"
@@ -25,8 +24,6 @@ _NEAR_WALL_M = 0.03
 """Lip to wall: nearer, it may touch."""
 _NEAR_GROUND_RADII = 0.1
 """The same for the ground, in rotor radii, as in diagnosis."""
-_REACH_RADII = 4.0
-"""So far ground and wall reach (Ai et al. 2020): nearer, a model without them explains nothing."""
 _CLIPPED_M_S2 = 60.0
 """Of an accelerometer: a bump, or the end of its scale."""
 _TILT_COS = 0.87
@@ -88,8 +85,6 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, now_s: float
     gap = min(around.gaps)
     if height < _NEAR_GROUND_RADII or gap * config.vehicle.rotor_radius_m < _NEAR_WALL_M:
         return "so near that it may touch"
-    if is_empty(config.model) and min(height, gap) < _REACH_RADII:
-        return "near ground or wall, and the model does not cover them"
     if disturbance.trust <= 0.0:
         return "outside the data of the model"
     return None

@@ -40,6 +40,11 @@ class NearField:
     pull: tuple[float, ...]
     tilt: tuple[float, ...]
 
+    @property
+    def is_nothing(self) -> bool:
+        """Whether nothing was measured yet."""
+        return self == NOTHING
+
     def at_fan(self, height_radii: float, gap_radii: float) -> tuple[float, float, float]:
         """Lift, pull and tilt at one fan, as shares."""
         if height_radii >= HEIGHTS[-1] and gap_radii >= GAPS[-1]:

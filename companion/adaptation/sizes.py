@@ -10,6 +10,7 @@ import numpy as np
 
 from companion.disturbance.adopted_effects import effects_with_size
 from models.common.frames import Array
+from models.surrogate.empty import is_empty
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 
@@ -71,16 +72,20 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
     """Every size of this vehicle and model, with the priors of the catalogue.
 
     A gain's prior is ``_HEAVY`` and the model's own scatter; its change per minute lets it follow a law whose
-    form is wrong from place to place.
+    form is wrong from place to place. Without a model it is 0 and stays there.
     """
     lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
+    if is_empty(model):
+        gain = 0.0
+    else:
+        gain = 1.0
     table = [
         Size(
             name=name,
             unit="1",
             as_modelled=1.0,
-            mean=1.0,
-            sd=math.hypot(_HEAVY, scatter),
+            mean=gain,
+            sd=gain * math.hypot(_HEAVY, scatter),
             per_minute=0.15,
             low=-2.0,
             high=4.0,

@@ -31,6 +31,7 @@ from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
 from companion.config import PipelineConfig
 from companion.control.plant import FULL
+from companion.control.reasons import Reason
 from companion.disturbance import stable_gain
 from companion.mavlink.stream_rates import StreamKeeper
 from companion.page.snapshot import snapshot
@@ -41,8 +42,11 @@ from companion.sim.flown import Flown
 from companion.sim.scenario import build
 from companion.telemetry.status import StatusReporter
 from models.effects import adopted
+from models.surrogate.empty import empty_model
 
 END_S = 24.0
+LOW_FROM_S = 10.0
+"""Boot time: before it the vehicle is out of reach of the ground."""
 
 
 @cache
@@ -105,6 +109,29 @@ def test_with_a_model_of_the_wrong_sign_what_is_measured_is_compensated_and_the_
     )
     assert not list(sentences(known, {"ground_lift": 0.0}))
     assert lift_compensated(known, -1.0) == pytest.approx(lift_of_the_air(), rel=0.2)
+
+
+@pytest.mark.slow
+def test_without_a_model_what_this_flight_has_measured_is_compensated():
+    config = PipelineConfig(vehicle=VEHICLE, model=empty_model(VEHICLE), adapt=Adapt.FULL)
+    watch = fly(low_hover(), config, END_S)
+    high = [d for d in watch.decisions if d.base is not None and d.t_s < LOW_FROM_S]
+    assert high[-1].reasons == (Reason.NO_MODEL,)
+    assert watch.decisions[-1].reasons == ()
+    known = watch.seen[-1][1]
+    assert known.shares == (0.0, 0.0, 0.0)
+    assert 0.5 < lift_compensated(known, 0.0) / lift_of_the_air() < 1.1
+    assert not list(sentences(known, {}))
+
+
+@pytest.mark.slow
+def test_without_a_model_offsets_gain_in_every_approach_of_a_corner():
+    off = Case("corner", 2, "none", "off", 111).fly(VEHICLE)
+    measured = Case("corner", 2, "empty", "full", 111).fly(VEHICLE)
+    for axis in ("height", "lateral"):
+        for approach in (1, 2):
+            here = off.during(approach)
+            assert measured.rms(axis, here) < 0.95 * off.rms(axis, here)
 
 
 @pytest.mark.slow

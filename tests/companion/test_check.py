@@ -173,6 +173,15 @@ def test_how_near_a_slow_loop_may_go_to_a_wall_is_said_from_the_parameters(fligh
     assert "ATC_INPUT_TC" in item.do
 
 
+def test_without_a_model_it_says_what_offsets_follow(heard):
+    note = "the shipped model is of another fan"
+    measured = checked(heard, model_note=note)["model"]
+    assert measured.verdict is Verdict.WARN
+    assert measured.text.startswith("offsets only where this flight has measured ground and wall")
+    without = checked(heard, model_note=note, adapts=False)["model"]
+    assert without.text.startswith("no offsets")
+
+
 def test_a_key_that_nothing_is_signed_with_fails_and_a_record_folder_that_is_none(heard, tmp_path):
     assert checked(heard, signed=True)["signing"].verdict is Verdict.FAIL
     good = checked(heard, live=True, record=tmp_path)

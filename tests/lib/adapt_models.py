@@ -150,15 +150,18 @@ class OfThisFan(AirModel):
         return self._free.free_air_now(rpm)
 
 
-KINDS = ("right", "default", "corner_cfd", "mirrored", "other")
+KINDS = ("right", "default", "corner_cfd", "mirrored", "other", "empty")
 
 
 def model_of(kind: str, vehicle: Vehicle, law: SurfaceLaw) -> Any:
     """``right``: the air itself; ``default``: the shipped model, 10 to 30 % wrong about it; ``corner_cfd``: the shipped
     model from flow simulation, of another fan; ``mirrored``: the shipped one with the wrong sign; ``other``: of a
-    vehicle with fans 1.7 times as large, whose lift is 10 % off and whose ground and wall are half as strong again."""
+    vehicle with fans 1.7 times as large, whose lift is 10 % off and whose ground and wall are half as strong again;
+    ``empty``: no model, as flown with ``--model none``."""
     if kind == "right":
         return TrueModel(vehicle, law)
+    if kind == "empty":
+        return empty_model(vehicle)
     if kind == "corner_cfd":
         return models.load("corner_cfd")
     shipped = models.load()
