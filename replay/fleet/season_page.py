@@ -147,7 +147,8 @@ def _blocks(course: Course) -> _Points:
     most = max(len(part) for part in parts)
     names = []
     for part in parts:
-        first, last = course.sizes[part[0]], course.sizes[part[-1]]
+        first = course.sizes[part[0]]
+        last = course.sizes[part[-1]]
         mean = f"mean {values[part].mean():.3g} {course.unit}"
         names.append(f"{first.date[:10]} to {last.date[:10]}, {len(part)} logs: {mean}")
     return _Points(

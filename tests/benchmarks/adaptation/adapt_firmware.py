@@ -37,7 +37,7 @@ FLIGHTS = (
     ("firmware/ardupilot/quad3.toml", "firmware/ardupilot/approach_slow_attitude_loop"),
     ("firmware/px4/quad.toml", "firmware/px4/corner_offsets_off"),
 )
-KINDS = ("default", "corner_cfd", "mirrored")
+KINDS = ("default", "corner_cfd", "mirrored", "empty")
 MODES = {"on": Adapt.OFF, "full": Adapt.FULL}
 
 
@@ -60,7 +60,9 @@ def true_force(path: Path, time_s: Array) -> Array:
 
 
 def wrong_model(kind: str, vehicle: Vehicle) -> Any:
-    """Of another fan, with this vehicle's lift in free air."""
+    """Of another fan, with this vehicle's lift in free air; or none."""
+    if kind == "empty":
+        return model_of(kind, vehicle, NOMINAL)
     built_in = default_vehicle()
     return OfThisFan(model_of(kind, built_in, NOMINAL), vehicle, built_in.rotor_radius_m)
 
@@ -77,7 +79,7 @@ def compensated(vehicle_file: Path, log: Path, kind: str, mode: str) -> tuple[Ar
         d = decision.disturbance
         if d is not None and d.free_lift_n > 0.5 * vehicle.mass_kg * GRAVITY:
             times.append(decision.t_s)
-            rows.append(d.trust * d.gain * d.wrench[:3])
+            rows.append(d.trust * d.gain * np.array(d.wrench[:3]))
     return np.array(times), np.array(rows)
 
 
