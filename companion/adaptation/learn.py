@@ -86,17 +86,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
         )
         sizes = opened(table, later(table, sizes, seconds), surprised)
         sizes = _measured(table, sizes, seen, variance, moves)
-        learned = learned_of(known, sizes)
-        believed = believed_of(known.channels, judged)
-        known = with_changes(
-            known,
-            sizes=sizes,
-            judged=judged,
-            learned=learned,
-            believed=believed,
-            updated_s=block.end_s,
-        )
-        known = with_changes(known, wanted=wanted_of(known))
+        known = _believed(known, sizes, judged, block.end_s)
     applied = known.applied
     if applied is not known.wanted:
         applied = towards(applied, known.wanted, BLOCK_S)
@@ -110,6 +100,21 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
         surprised=surprised,
         learned_s=known.learned_s + block.end_s - block.start_s,
     )
+
+
+def _believed(
+    known: Adaptation, sizes: Sizes, judged: tuple[judge.Belief, ...], now_s: float
+) -> Adaptation:
+    """The adaptation with new sizes and beliefs, and with what follows from them."""
+    known = with_changes(
+        known,
+        sizes=sizes,
+        judged=judged,
+        learned=learned_of(known, sizes),
+        believed=believed_of(known.channels, judged),
+        updated_s=now_s,
+    )
+    return with_changes(known, wanted=wanted_of(known))
 
 
 def _measured(

@@ -225,9 +225,7 @@ def fly(
     acceleration, saturated = _limited(plus(plus(answer, old), forward), motion.wall)
     if not saturated:
         rate = gains.integral_1_s2 * dt
-        along = 0.0
-        if motion.clear and math.hypot(*reference.acceleration[:2]) < _STEADY_M_S2:
-            along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
+        along = _along_the_way(motion, reference, slip, (vn, ve))
         drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
             old[0] + (slip[0] - along * vn) * rate,
@@ -252,6 +250,16 @@ def fly(
         since=since,
         drag_1_s=drag,
     ), setpoint
+
+
+def _along_the_way(
+    motion: Motion, reference: Reference, slip: Vector3, velocity: tuple[float, float]
+) -> float:
+    """What drag lacks [1/s]: the slip along the way over the speed; 0 where the speed changes or a surface is near."""
+    if not motion.clear or math.hypot(*reference.acceleration[:2]) >= _STEADY_M_S2:
+        return 0.0
+    vn, ve = velocity
+    return (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
 
 
 def _balanced(

@@ -14,6 +14,7 @@ swing detector softened the gains.
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import sys
@@ -293,8 +294,8 @@ def as_line(plant: Plant, gains: str, m: dict[str, float], refused: bool) -> str
     )
 
 
-def main() -> int:
-    """Fly the grid and print it."""
+def parser() -> argparse.ArgumentParser:
+    """The options of this command."""
     p = command_line.parser(__doc__.splitlines()[0])
     p.add_argument(
         "--speed", type=float, nargs="+", default=[0.5, 1.0, 2.0], help="of the attitude loop"
@@ -320,7 +321,12 @@ def main() -> int:
         help="full gains that only the swing detector softens, as well",
     )
     p.add_argument("--json", type=Path)
-    a = p.parse_args()
+    return p
+
+
+def main() -> int:
+    """Fly the grid and print it."""
+    a = parser().parse_args()
     plants = [
         Plant(s, hz, late / 1e3, k)
         for s in a.speed
@@ -342,10 +348,8 @@ def main() -> int:
             for k in asdict(flights[0])
             if k != "loop_from"
         }
-        mean["peak_mm"], mean["softened"] = (
-            max(f.peak_mm for f in flights),
-            max(f.softened for f in flights),
-        )
+        mean["peak_mm"] = max(f.peak_mm for f in flights)
+        mean["softened"] = max(f.softened for f in flights)
         refused = mean["engaged_share"] < 1.0
         rows.append(
             {
