@@ -22,6 +22,8 @@ _OLD_S = 0.3
 """A setpoint answers an attitude not older than this."""
 _HAND_OVER_S = 1.6
 """At the end the same place (or level) is sent again and again, for a second."""
+_HAND_OVER_PX4_S = 6.6
+"""The same of a place for PX4: beside a wall for six seconds (flight.hand_over)."""
 _LINK_S = 3.6
 """Three seconds without a heartbeat, and half a second of letting go."""
 _LEVEL_RAD = math.radians(0.5)
@@ -89,7 +91,11 @@ class SetpointChecks:
         text = f"a place to fly to, {north:.2f} {east:.2f} {down:.2f}"
         self._check_allowed(False, text, heard, arrival_us)
         age_s = _age_s(fields[0], heard)
-        self._audit.check(Requirement.FRESH, age_s <= _HAND_OVER_S, f"{age_s:.2f} s old")
+        if stack_of(heard.heartbeat) is Stack.PX4:
+            most_s = _HAND_OVER_PX4_S
+        else:
+            most_s = _HAND_OVER_S
+        self._audit.check(Requirement.FRESH, age_s <= most_s, f"{age_s:.2f} s old")
 
     def _check_allowed(self, bare: bool, what: str, heard: Heard, arrival_us: int) -> None:
         """``bare``: carries no offset and no place, only "stay as you are"."""

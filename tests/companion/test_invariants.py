@@ -229,6 +229,25 @@ def test_every_broken_promise_is_found_and_no_other(name):
 
 
 @pytest.mark.parametrize(
+    ("px4", "seconds", "broken"),
+    [
+        (True, 5.9, set()),
+        (True, 7.0, {Requirement.FRESH}),
+        (False, 1.5, set()),
+        (False, 5.9, {Requirement.FRESH}),
+    ],
+)
+def test_at_the_end_the_place_is_sent_for_six_seconds_on_px4_and_for_one_on_ardupilot(
+    px4, seconds, broken
+):
+    wire = Wire(px4=px4)
+    stamp_s = wire.boot_ms / 1000.0
+    wire.tick(seconds, mode=6 << 16 if px4 else 4)
+    wire.own(*encode(PositionCommand(stamp_s, (0.0, 0.0, -0.4), 0.0), 1))
+    assert wire.broken() == broken
+
+
+@pytest.mark.parametrize(
     ("down_cm", "rpm", "broken"),
     [(40, 4000, set()), (14, 4000, {Requirement.LANDED}), (40, 1000, {Requirement.LANDED})],
     ids=["in the air by both", "by rotors alone", "by the range alone"],
