@@ -21,6 +21,7 @@ from lockstep_faults import FaultyLockstep
 from simulated import simulated
 
 import models
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.control.survey import Phase
 from companion.sim.air import disturbed
@@ -53,7 +54,7 @@ def one_vehicle(vehicle: Vehicle, scenario: Any, seed: int) -> SimulatedFlight:
         motor=flight.body.motor,
     )
     # The sensors hold the body that they were built with: it is given the build of the one vehicle.
-    for name in ("_fans", "_vanes", "_rotor_gain", "_rpm_full"):
+    for name in ("_fans", "_vane_gains", "_rotor_gain", "_rpm_full"):
         setattr(flight.body, name, getattr(body, name))
     return flight
 
@@ -85,7 +86,13 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
     world = FaultyLockstep(flight, pilot)
     log = folder / "survey.tlog"
     world.fly(
-        PipelineConfig(vehicle=vehicle, model=empty_model(vehicle), survey=read_box(box)), log
+        PipelineConfig(
+            vehicle=vehicle,
+            model=empty_model(vehicle),
+            survey=read_box(box),
+            adapt=Adapt.FULL,
+        ),
+        log,
     )
     assert world.companion is not None
     judged = pilots[0].judgement
@@ -98,7 +105,7 @@ def approach(vehicle: Vehicle, model: Any, seed: int, *, offsets: bool = True) -
     flight = one_vehicle(vehicle, build("corner", vehicle), seed)
     return fly_judged(
         flight,
-        PipelineConfig(vehicle=vehicle, model=model, offsets=offsets),
+        PipelineConfig(vehicle=vehicle, model=model, offsets=offsets, adapt=Adapt.FULL),
         Leg.ON if offsets else Leg.OFF,
     )
 
