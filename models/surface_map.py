@@ -20,6 +20,8 @@ _LENGTH = 0.5
 """Correlation length of the prior, in logarithms: a factor of 1.65 in distance."""
 _NEAR = 2.0
 """Rotor radii: from here on the standard deviation of the prior falls with the distance."""
+_VISITED = 0.5
+"""Flights were at a cell: half of the time after which it counts as seen in full."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,24 @@ def cell_name(part: str, cell: int) -> str:
     return f"{part}_{MEASURED.heights[row]:g}_{MEASURED.gaps[column]:g}"
 
 
+def _held_towards_wall(cells: Array, seen: Array) -> Array:
+    """``cells`` (parts, size) that fall no more towards a wall, nearer than the flights ``seen`` (size,) were.
+
+    The prior lets them fall to zero there. An offset that falls as the vehicle comes nearer pushes it to the wall.
+    """
+    gaps = len(MEASURED.gaps)
+    visited = np.flatnonzero(seen.reshape(-1, gaps).max(axis=0) >= _VISITED)
+    if not visited.size:
+        return cells
+    held = cells.reshape(len(cells), -1, gaps).copy()
+    for column in range(int(visited[0]) - 1, -1, -1):
+        outer = held[:, :, column + 1]
+        nearer = held[:, :, column]
+        falls = np.sign(outer) * nearer < np.abs(outer)
+        held[:, :, column] = np.where(falls, outer, nearer)
+    return held.reshape(cells.shape)
+
+
 @dataclass(frozen=True)
 class LawCorrection:
     """What flights measured of ground and wall beyond a model: gains on its law, and a map.
@@ -154,7 +174,7 @@ class LawCorrection:
         for part, k in CELLS:
             cells[PARTS.index(part), k] = parameters[cell_name(part, k)]
         seen = np.array([parameters.get(cell_name("seen", k), 0.0) for k in range(MEASURED.size)])
-        return cls(radius_m, gains, cells, seen)
+        return cls(radius_m, gains, _held_towards_wall(cells, seen), seen)
 
     def amended(
         self, h: Array, d: Array, wrench: Array, free: Array, trust: Array

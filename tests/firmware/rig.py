@@ -153,14 +153,17 @@ class Rig:
         air: str = "calm",
         mass_times: float = 1.0,
         options: Sequence[str] = ("--no-offsets",),
+        vehicle: Path = QUAD,
     ) -> None:
         """``seed`` draws air and sensors; ``position_hz``: no more positions than this reach the companion (0: all).
 
-        ``air``: as in rough_air.py; ``mass_times``: of the vehicle file's mass; ``options``: of the companion.
+        ``air``: as in rough_air.py; ``mass_times``: of the vehicle file's mass; ``options``: of the companion;
+        ``vehicle``: the file.
         """
         self.px4 = firmware == PX4
         self._air = ["--seed", str(seed), "--air", air, "--mass-times", str(mass_times)]
         self._options = tuple(options)
+        self._vehicle = vehicle
         self._position_hz = position_hz
         self.folder = folder
         self._wrong_file = folder / "wrong.json"
@@ -221,7 +224,7 @@ class Rig:
             sys.executable,
             Path(__file__).with_name("physics.py"),
             "--vehicle",
-            QUAD,
+            self._vehicle,
             "--scenario",
             "corner",
         ]
@@ -436,7 +439,7 @@ class Rig:
             "--connect",
             f"udp:127.0.0.1:{port}",
             "--vehicle",
-            QUAD,
+            self._vehicle,
         ]
         environment = dict(os.environ, OMP_NUM_THREADS="1")
         self._start(

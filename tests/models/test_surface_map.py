@@ -71,6 +71,27 @@ def test_what_flights_saw_is_trusted_whatever_the_model_said_of_itself() -> None
     assert amended.trust(0.2, 0.02, 4000.0) == 1.0
 
 
+def test_nearer_to_the_wall_than_flights_were_the_map_does_not_fall() -> None:
+    vehicle = default_vehicle()
+    radius_m = vehicle.rotor_radius_m
+    flown = {cell_name("pull", k): 0.0 for k in range(MEASURED.size)}
+    seen = {cell_name("seen", k): 0.0 for k in range(MEASURED.size)}
+    column = MEASURED.gaps.index(1.0)
+    high = MEASURED.heights.index(2.0)
+    low = MEASURED.heights.index(1.25)
+    for row in (high, low):
+        flown[cell_name("pull", row * len(MEASURED.gaps) + column)] = 0.02
+    seen[cell_name("seen", high * len(MEASURED.gaps) + column)] = 1.0
+    law = AdoptedEffect("surface_law", dict(_law().parameters) | flown | seen)
+    amended = models.load().with_effects((law,), models.load().info)
+    bare = models.load()
+    h = np.array([2.0, 2.0, 1.25, 2.0]) * radius_m
+    d = np.array([1.0, 0.1, 0.1, 1.6]) * radius_m
+    lift = bare.free_air(4000.0)[2]
+    pull = (amended.wrench(h, d, 4000.0) - bare.wrench(h, d, 4000.0))[:, 0] / lift
+    assert pull == pytest.approx([0.02, 0.02, 0.02, 0.0])
+
+
 def test_the_columns_that_diagnosis_fits_are_what_the_amended_model_answers() -> None:
     vehicle, bare = default_vehicle(), models.load()
     rng = np.random.default_rng(3)

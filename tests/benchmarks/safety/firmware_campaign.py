@@ -174,9 +174,11 @@ def truth_table(path: Path) -> Any:
     return dict(zip(names, columns, strict=True))
 
 
-def sent_pitch(record: Path, case: Case, model: Path | None) -> tuple[Array, Array]:
+def sent_pitch(
+    record: Path, case: Case, model: Path | None, file: Path = QUAD
+) -> tuple[Array, Array]:
     """Boot times [s] and pitch of the offset [rad] of the recording, decided again."""
-    vehicle = load_vehicle(QUAD)
+    vehicle = load_vehicle(file)
     name = str(model) if case.companion == AMENDED else NONE
     config = PipelineConfig(
         vehicle=vehicle,
@@ -193,11 +195,13 @@ def sent_pitch(record: Path, case: Case, model: Path | None) -> tuple[Array, Arr
 
 
 def air_figures(
-    truth: dict[str, Array], pilot: Pilot, sent: tuple[Array, Array]
+    truth: dict[str, Array], pilot: Pilot, sent: tuple[Array, Array], weight: float
 ) -> dict[str, float]:
-    """By phase: mean square errors where the vehicle has settled [m^2], tilt that was needed and sent."""
+    """By phase: mean square errors where the vehicle has settled [m^2], tilt that was needed and sent.
+
+    ``weight`` [N]: of the vehicle.
+    """
     believed = np.array(pilot.rig.estimates)
-    weight = load_vehicle(QUAD).mass_kg * GRAVITY
     goals = {"ground": (FREE_NORTH_M, LOW_M), "wall": (WALL_NORTH_M, HEIGHT_M)}
     goals["corner"] = (WALL_NORTH_M, LOW_M)
     found: dict[str, float] = {}
@@ -245,7 +249,14 @@ def wrong_figures(truth: dict[str, Array], marks: dict[str, float]) -> dict[str,
 
 
 def fly(
-    kind: str, name: str, seed: int, folder: Path, model: Path | None, *, px4: bool
+    *,
+    kind: str,
+    name: str,
+    seed: int,
+    folder: Path,
+    model: Path | None,
+    vehicle: Path,
+    px4: bool,
 ) -> dict[str, Any]:
     """One flight in this network: its figures and what was said."""
     case = CASES[kind][name]
@@ -265,6 +276,7 @@ def fly(
         air=case.air,
         mass_times=case.mass_times,
         options=companion_options(case, model),
+        vehicle=vehicle,
     ) as rig:
         pilot = Pilot(rig)
         try:
@@ -280,7 +292,9 @@ def fly(
             return out | {"failed": str(error), "marks": pilot.marks, "texts": rig.texts}
     truth = truth_table(folder / "truth.csv")
     if kind == "air":
-        figures = air_figures(truth, pilot, sent_pitch(folder / "flight.tlog", case, model))
+        sent = sent_pitch(folder / "flight.tlog", case, model, vehicle)
+        weight = load_vehicle(vehicle).mass_kg * GRAVITY
+        figures = air_figures(truth, pilot, sent, weight)
     else:
         figures = wrong_figures(truth, pilot.marks)
     return out | {"figures": figures, "marks": pilot.marks, "texts": rig.texts}
@@ -292,31 +306,33 @@ def folder_of(records: Path, kind: str, name: str, seed: int) -> Path:
     return records / f"{kind}_{words}_{seed}"
 
 
-def learned_model(records: Path, air: str, seed: int) -> Path | None:
+def learned_model(records: Path, air: str, seed: int, vehicle: Path) -> Path | None:
     """What ``replay diagnose`` makes of the flight without offsets; None where it makes nothing."""
     folder = folder_of(records, "air", f"{air}, {OFF}", seed)
     model = folder / "model"
     if not model.exists():
         command = [sys.executable, "-m", "replay", "diagnose", str(folder / "flight.tlog")]
-        command += ["--vehicle", str(QUAD), "--model", NONE, "--save-model", str(model)]
+        command += ["--vehicle", str(vehicle), "--model", NONE, "--save-model", str(model)]
         command += ["--json", str(folder / "answer.json"), "--quiet"]
         subprocess.run(command, capture_output=True, timeout=FLIGHT_TIMEOUT_S, check=False)
     return model if model.exists() else None
 
 
-def fly_apart(records: Path, kind: str, name: str, seed: int, *, px4: bool) -> dict[str, Any]:
+def fly_apart(
+    records: Path, kind: str, name: str, seed: int, *, vehicle: Path, px4: bool
+) -> dict[str, Any]:
     """One flight in a process and a network of its own."""
     flight = {"kind": kind, "case": name, "seed": seed, "texts": []}
     folder = folder_of(records, kind, name, seed)
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, str(BENCHMARKS), "safety.firmware_campaign", "one"]
     command += ["--only", json.dumps([kind, name, seed])]
-    command += ["--record", str(folder)]
+    command += ["--record", str(folder), "--vehicle", str(vehicle)]
     if px4:
         command.append("--px4")
     case = CASES[kind][name]
     if case.companion == AMENDED:
-        model = learned_model(records, case.air, seed)
+        model = learned_model(records, case.air, seed, vehicle)
         if model is None:
             return flight | {"failed": "no model came of the flight without offsets"}
         command += ["--model", str(model)]
@@ -435,6 +451,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("kind", choices=[*CASES, "one"], help="one: used by the program itself")
     p.add_argument("--px4", action="store_true", help="PX4 in place of ArduCopter")
+    p.add_argument("--vehicle", type=Path, default=QUAD, help="vehicle file (the quadrotor)")
     p.add_argument("--first", type=int, default=1, help="first seed")
     p.add_argument("--seeds", type=int, default=2, help="how many")
     p.add_argument("--jobs", type=int, default=1, help="flights at a time")
@@ -457,7 +474,17 @@ def main() -> int:
         p.error("--px4: one flight at a time (--jobs 1): PX4 locks its place in /tmp")
     if a.kind == "one":
         raise_loopback()
-        print(json.dumps(fly(*json.loads(a.only), a.record, a.model, px4=a.px4)))
+        kind, name, seed = json.loads(a.only)
+        flight = fly(
+            kind=kind,
+            name=name,
+            seed=seed,
+            folder=a.record,
+            model=a.model,
+            vehicle=a.vehicle,
+            px4=a.px4,
+        )
+        print(json.dumps(flight))
         return 0
     flights = []
     if a.json is not None and a.json.exists():
@@ -467,7 +494,9 @@ def main() -> int:
         for amended in (False, True):
             jobs = [job for job in asked_for(a, amended=amended) if job not in known]
             records = a.record or Path(scratch)
-            asked = [pool.submit(fly_apart, records, *job, px4=a.px4) for job in jobs]
+            asked = [
+                pool.submit(fly_apart, records, *job, vehicle=a.vehicle, px4=a.px4) for job in jobs
+            ]
             for one in tqdm(as_completed(asked), total=len(jobs), unit="flight", file=sys.stderr):
                 flights.append(one.result())
                 if a.json is not None:
