@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from sources.nanodrone import VEHICLES
 from sources.vehicle_file import vehicle_toml
-from tables import nanodrone, neurobem, rotor_pairs
+from tables import cable_tension, nanodrone, neurobem, rotor_pairs
+from tables.cable_tension import Flight
 from tables.multistep import Parameter, fit
 from tables.nanodrone import Cut, Fitted, reproduced, vehicle
 from tables.nanodrone_data import STEP_S, Run, _bridged, _lag, _without_repeats
@@ -201,7 +202,34 @@ def test_another_neurobem_than_the_known_one_is_refused() -> None:
         neurobem.check({"force": [np.ones((5, 3))], "moment": [np.zeros((5, 3))]})
 
 
-@pytest.mark.parametrize("command", [neurobem, rotor_pairs])
+def pulled(scale: float) -> Flight:
+    """A vehicle at rest beside a cell that pulls with 2 N, its thrust 1 + scale of the commanded one. Made up."""
+    samples = 400
+    angle = np.linspace(0.2, 1.2, samples)
+    to_cell = -np.stack([np.sin(angle), np.zeros(samples), np.cos(angle)], axis=1)
+    thrust = np.tile([0.0, 0.0, 14.0], (samples, 1))
+    tension = np.full(samples, 2.0)
+    inertial = (1.0 + scale) * thrust + tension[:, None] * to_cell
+    flying = np.ones(samples, dtype=bool)
+    return Flight(inertial, thrust, np.zeros((samples, 3)), to_cell, tension, flying)
+
+
+def test_what_no_cable_can_make_says_the_scale_of_the_thrust() -> None:
+    one = pulled(-0.3)
+    assert cable_tension.thrust_scale([one]) == pytest.approx(-0.3)
+    nothing, _, theirs, ours = cable_tension.errors(one, -0.3)
+    assert neurobem.rms(nothing) == pytest.approx(2.0)
+    assert neurobem.rms(theirs) == pytest.approx(0.3 * 14.0)
+    assert ours == pytest.approx(0.0)
+    assert cable_tension.interval(nothing) == pytest.approx((2.0, 2.0))
+
+
+def test_other_forces_of_the_cable_than_the_published_ones_are_refused() -> None:
+    with pytest.raises(SystemExit, match=r"refused: NeuroMHE: .* published 0.5742"):
+        cable_tension.check([pulled(0.0)] * 3)
+
+
+@pytest.mark.parametrize("command", [cable_tension, neurobem, rotor_pairs])
 def test_every_table_is_skipped_without_its_clone(
     command: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
