@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sources.nanodrone import VEHICLES
 from sources.vehicle_file import vehicle_toml
-from tables import cable_tension, nanodrone, neurobem, rotor_pairs
+from tables import cable_tension, nanobench, nanodrone, neurobem, rotor_pairs
 from tables.cable_tension import Flight
 from tables.multistep import Parameter, fit
 from tables.nanodrone import Cut, Fitted, reproduced, vehicle
@@ -227,6 +227,35 @@ def test_what_no_cable_can_make_says_the_scale_of_the_thrust() -> None:
 def test_other_forces_of_the_cable_than_the_published_ones_are_refused() -> None:
     with pytest.raises(SystemExit, match=r"refused: NeuroMHE: .* published 0.5742"):
         cable_tension.check([pulled(0.0)] * 3)
+
+
+def commanded(late_s: float, seed: int) -> nanobench.Flight:
+    """A flight whose thrust follows its commands and voltage through motors that are so late. Made up."""
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.uniform(0.4, 0.8, 40), 25)
+    volts = np.linspace(4.1, 3.4, steps.size)
+    rows = np.column_stack([*[steps] * 4, volts, np.zeros(steps.size)])
+    flying = np.ones(steps.size, dtype=bool)
+    late = nanobench.Flight(rows, flying).lagged(late_s)
+    rows[:, nanobench.GOAL] = nanobench.law(late, most=15.0, expo=0.4, power=1.2)
+    return nanobench.Flight(rows, flying)
+
+
+def test_lag_and_sag_of_the_teaching_flights_tell_the_test_flight() -> None:
+    teach, test = [commanded(0.03, seed) for seed in (1, 2)], [commanded(0.03, 3)]
+    assert nanobench.lag(teach) == 0.03
+    (missed,) = nanobench.errors(teach, test, "with `battery_sag`", 0.03)
+    assert missed == pytest.approx(0.0, abs=1e-4)
+    (without,) = nanobench.errors(teach, test, "with `battery_sag`", 0.0)
+    assert without.std() > 0.1
+    assert nanobench.interval([without]) == pytest.approx([nanobench.rms(without)] * 2)
+
+
+def test_a_file_that_goes_on_beyond_its_log_is_no_flight() -> None:
+    one = commanded(0.0, 1)
+    assert one.real
+    one.rows[-1, 0] = 1.3
+    assert not one.real
 
 
 @pytest.mark.parametrize("command", [cable_tension, neurobem, rotor_pairs])
