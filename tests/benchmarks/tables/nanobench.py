@@ -1,11 +1,11 @@
 """Vertical acceleration of a Crazyflie: what command, battery voltage and lag of the motors say of it.
 
-``python tests/benchmarks tables.nanobench CLONE``: CLONE is a clone of github.com/syediu/nanobench-iros2026, by Ullah and
-Baca (arXiv:2603.09908). It keeps errors of four models of the authors for one pair of flights, but neither their code
-nor the split; they stand beside ours and are not reproduced. Many trefoil flights are there twice, under two names, so
-a split by names would train on what it tests. Here each content counts once. Files in which a command leaves 0 to 1 in
-the air are left out: they go on beyond their log, with specific forces of up to 173 m/s^2. Flights that are no trefoil
-teach, trefoils test. Specific force along the body's z, in the air.
+``python tests/benchmarks tables.nanobench CLONE``: CLONE is a clone of github.com/syediu/nanobench-iros2026, by Ullah
+and Baca (arXiv:2603.09908). It keeps errors of four models of the authors for one pair of flights, but neither their
+code nor the split; they stand beside ours and are not reproduced. Many trefoil flights are there twice, under two
+names, so a split by names would train on what it tests. Here each content counts once. Files in which a command leaves
+0 to 1 in the air are left out: they go on beyond their log, with specific forces of up to 173 m/s^2. Flights that are
+no trefoil teach, trefoils test. Specific force along the body's z, in the air.
 
 Laws: a constant; least squares in the four commands; ``[throttle]`` of a vehicle file; with ``battery_sag``; with
 ``motor_lag``, its time from the teaching flights, too.
