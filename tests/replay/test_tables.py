@@ -167,6 +167,15 @@ def test_curves_of_the_rotor_pairs_are_read_with_their_heights() -> None:
     assert list(found["Fz30_beta0"][0]) == [0.6, 0.75, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0]
 
 
+def test_a_displaced_image_is_found_and_no_law_of_height_is_nearer_than_the_mean() -> None:
+    height = rotor_pairs.HEIGHTS
+    law = rotor_pairs.displaced(height, 0.2, 0.5)
+    assert rotor_pairs.fitted(height, law, rotor_pairs.displaced) == pytest.approx((0.2, 0.5))
+    twice = np.concatenate([height, height])
+    spread = np.concatenate([law + 0.01, law - 0.01])
+    assert rotor_pairs.floor(twice, spread) == pytest.approx(0.01)
+
+
 def test_a_flight_that_is_left_out_is_told_by_the_others() -> None:
     rng = np.random.default_rng(2)
     columns = [rng.normal(size=(50, 3, 2)) for _ in range(3)]
