@@ -136,8 +136,10 @@ def flight(clone: Path, log: Log) -> Flight:
 def _columns(clone: Path, log: Log, topic: str, names: Sequence[str]) -> Array:
     """Columns (n, names) of a topic."""
     text = read(clone, COMMIT, f"{FOLDER}/{log.path}_{topic}_0.csv").decode()
-    table = csv.DictReader(io.StringIO(text))
-    return np.array([[float(row[name]) for name in names] for row in table])
+    rows = []
+    for row in csv.DictReader(io.StringIO(text)):
+        rows.append([float(row[name]) for name in names])
+    return np.array(rows)
 
 
 def check(flights: Sequence[Flight]) -> None:
