@@ -17,6 +17,9 @@ from models.effects.pictures import force_words, mean, over_speed
 from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
+HUBS_RADII = 1.0
+"""Height over its declared place at which a hub may still stand [rotor radii]: files give it roughly."""
+
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     return ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m)
@@ -24,7 +27,16 @@ def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     force = p["drag"] * mean(ctx.mass_flow.sum(axis=-1))
-    return f"the drag of the rotors at 1 m/s is {force_words(ctx, force)}"
+    said = f"the drag of the rotors at 1 m/s is {force_words(ctx, force)}"
+    above = p["above_radii"]
+    if above <= HUBS_RADII:
+        return said
+    # A drag c that acts h radii higher has the moments of flapping_moment with roll = pitch = c h.
+    beyond = p["drag"] * (above - HUBS_RADII)
+    return (
+        f"{said}; it acts {above:.2g} radii above the hubs, too high for their drag alone: part of "
+        f"its moment is that of the airflow on the blades (flapping_moment of {beyond:.2g})"
+    )
 
 
 EFFECT = Effect(

@@ -312,6 +312,17 @@ def test_airflow_from_ahead_lifts_the_nose(ctx: Context) -> None:
     assert (pitch, yaw) == (0.0, 0.0)
 
 
+def test_a_lever_that_no_hub_has_is_said_to_be_the_moment_of_the_airflow(ctx: Context) -> None:
+    drag = get("rotor_drag")
+    alone = {"drag": 0.4, "turning": 0.0, "sinking": 0.0}
+    high, hub = (alone | {"above_radii": above} for above in (1.6, 1.0))
+    flapping = get("flapping_moment").wrench(ctx, {"roll": 0.24, "pitch": 0.24})
+    assert drag.wrench(ctx, high) == pytest.approx(drag.wrench(ctx, hub) + flapping)
+    assert drag.shown.in_words is not None
+    assert "flapping_moment of 0.24" in drag.shown.in_words(ctx, high)
+    assert "flapping" not in drag.shown.in_words(ctx, hub)
+
+
 @pytest.mark.parametrize(
     ("level", "climb"), [(0.0, 0.0), (2.5, 0.0), (15.0, 3.0), (0.0, 5.0), (4.0, -2.0)]
 )

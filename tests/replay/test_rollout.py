@@ -12,6 +12,8 @@ from field_case_logs import bin_log
 
 import models
 import replay
+from companion.sim.body import Body, Causes
+from companion.sim.body import Surroundings as Surface
 from models.common.errors import ConfigError
 from models.common.frames import GRAVITY, Array
 from models.effects import AdoptedEffect
@@ -105,6 +107,26 @@ def test_ground_is_as_far_as_it_has_moved(vehicle: Vehicle) -> None:
     slowed = free[0, :, 5] - near[0, :, 5]
     assert slowed[10] < 0.1 * slowed[-1]
     assert slowed[-1] > 0.1
+
+
+@pytest.mark.parametrize("step_s", [0.005, 0.0025])
+def test_the_simulated_vehicle_moves_by_the_same_mechanics(vehicle: Vehicle, step_s: float) -> None:
+    """It takes plain steps, whose error falls with the step: half a second apart by less than two steps of motion."""
+    wrench = (0.6, -0.3, -27.0, 0.02, -0.03, 0.01)
+    steps = round(0.5 / step_s)
+    body = Body(vehicle=vehicle, surroundings=Surface(), dt=step_s, position=[0.0, 0.0, -2.0])
+    body.causes = Causes(free=wrench)
+    for _ in range(steps):
+        body._integrate(body.rotation())
+    start = at_rest()
+    start[0, 2] = -2.0
+    beside = np.broadcast_to(wrench, (1, steps, 6))
+    stopped = still(vehicle, steps)
+    told = rollout(FlightModel(vehicle), start, stopped, step_s=step_s, beside=beside)[0, -1]
+    moved = [*body.position, *body.velocity, *body.quaternion, *body.rates]
+    speed = np.linalg.norm([*told[VELOCITY], *told[RATES]])
+    assert speed > 0.5
+    assert np.abs(moved - told).max() < 2.0 * step_s * speed
 
 
 def test_a_known_flight_is_foretold(vehicle: Vehicle) -> None:

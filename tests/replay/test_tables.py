@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from sources.nanodrone import VEHICLES
 from sources.vehicle_file import vehicle_toml
-from tables import nanodrone, neurobem, rotor_pairs
+from tables import cable_tension, nanobench, nanodrone, neurobem, rotor_pairs
+from tables.cable_tension import Flight
 from tables.multistep import Parameter, fit
 from tables.nanodrone import Cut, Fitted, reproduced, vehicle
 from tables.nanodrone_data import STEP_S, Run, _bridged, _lag, _without_repeats
@@ -166,6 +167,15 @@ def test_curves_of_the_rotor_pairs_are_read_with_their_heights() -> None:
     assert list(found["Fz30_beta0"][0]) == [0.6, 0.75, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0]
 
 
+def test_a_displaced_image_is_found_and_no_law_of_height_is_nearer_than_the_mean() -> None:
+    height = rotor_pairs.HEIGHTS
+    law = rotor_pairs.displaced(height, 0.2, 0.5)
+    assert rotor_pairs.fitted(height, law, rotor_pairs.displaced) == pytest.approx((0.2, 0.5))
+    twice = np.concatenate([height, height])
+    spread = np.concatenate([law + 0.01, law - 0.01])
+    assert rotor_pairs.floor(twice, spread) == pytest.approx(0.01)
+
+
 def test_a_flight_that_is_left_out_is_told_by_the_others() -> None:
     rng = np.random.default_rng(2)
     columns = [rng.normal(size=(50, 3, 2)) for _ in range(3)]
@@ -201,7 +211,63 @@ def test_another_neurobem_than_the_known_one_is_refused() -> None:
         neurobem.check({"force": [np.ones((5, 3))], "moment": [np.zeros((5, 3))]})
 
 
-@pytest.mark.parametrize("command", [neurobem, rotor_pairs])
+def pulled(scale: float) -> Flight:
+    """A vehicle at rest beside a cell that pulls with 2 N, its thrust 1 + scale of the commanded one. Made up."""
+    samples = 400
+    angle = np.linspace(0.2, 1.2, samples)
+    to_cell = -np.stack([np.sin(angle), np.zeros(samples), np.cos(angle)], axis=1)
+    thrust = np.tile([0.0, 0.0, 14.0], (samples, 1))
+    tension = np.full(samples, 2.0)
+    inertial = (1.0 + scale) * thrust + tension[:, None] * to_cell
+    flying = np.ones(samples, dtype=bool)
+    return Flight(inertial, thrust, np.zeros((samples, 3)), to_cell, tension, flying)
+
+
+def test_what_no_cable_can_make_says_the_scale_of_the_thrust() -> None:
+    one = pulled(-0.3)
+    assert cable_tension.thrust_scale([one]) == pytest.approx(-0.3)
+    nothing, _, theirs, ours = cable_tension.errors(one, -0.3)
+    assert neurobem.rms(nothing) == pytest.approx(2.0)
+    assert neurobem.rms(theirs) == pytest.approx(0.3 * 14.0)
+    assert ours == pytest.approx(0.0)
+    assert cable_tension.interval(nothing) == pytest.approx((2.0, 2.0))
+
+
+def test_other_forces_of_the_cable_than_the_published_ones_are_refused() -> None:
+    with pytest.raises(SystemExit, match=r"refused: NeuroMHE: .* published 0.5742"):
+        cable_tension.check([pulled(0.0)] * 3)
+
+
+def commanded(late_s: float, seed: int) -> nanobench.Flight:
+    """A flight whose thrust follows its commands and voltage through motors that are so late. Made up."""
+    rng = np.random.default_rng(seed)
+    steps = np.repeat(rng.uniform(0.4, 0.8, 40), 25)
+    volts = np.linspace(4.1, 3.4, steps.size)
+    rows = np.column_stack([*[steps] * 4, volts, np.zeros(steps.size)])
+    flying = np.ones(steps.size, dtype=bool)
+    late = nanobench.Flight(rows, flying).lagged(late_s)
+    rows[:, nanobench.GOAL] = nanobench.law(late, most=15.0, expo=0.4, power=1.2)
+    return nanobench.Flight(rows, flying)
+
+
+def test_lag_and_sag_of_the_teaching_flights_tell_the_test_flight() -> None:
+    teach, test = [commanded(0.03, seed) for seed in (1, 2)], [commanded(0.03, 3)]
+    assert nanobench.lag(teach) == 0.03
+    (missed,) = nanobench.errors(teach, test, "with `battery_sag`", 0.03)
+    assert missed == pytest.approx(0.0, abs=1e-4)
+    (without,) = nanobench.errors(teach, test, "with `battery_sag`", 0.0)
+    assert without.std() > 0.1
+    assert nanobench.interval([without]) == pytest.approx([nanobench.rms(without)] * 2)
+
+
+def test_a_file_that_goes_on_beyond_its_log_is_no_flight() -> None:
+    one = commanded(0.0, 1)
+    assert one.real
+    one.rows[-1, 0] = 1.3
+    assert not one.real
+
+
+@pytest.mark.parametrize("command", [cable_tension, neurobem, rotor_pairs])
 def test_every_table_is_skipped_without_its_clone(
     command: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

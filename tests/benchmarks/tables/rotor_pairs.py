@@ -33,7 +33,6 @@ COPLANAR = "Fz0"
 KNOWN_BENNETT = 0.0153
 """RMSE of the law of Cheeseman and Bennett on the coplanar pair."""
 ALLOWED = 0.02
-START = (0.5, 1.5)
 Law = Callable[..., Array]
 Curve = tuple[Array, Array]
 """Heights (n,) in radii, and thrust (n,) over that of the largest height."""
@@ -47,6 +46,21 @@ def exponential(height: Array, gain: float, decay: float) -> Array:
 def bennett(height: Array) -> Array:
     """Cheeseman & Bennett, 1 / (1 - (R / 4z)^2), over its value at the largest height."""
     return np.asarray((1.0 - (0.25 / FARTHEST) ** 2) / (1.0 - (0.25 / height) ** 2))
+
+
+def displaced(height: Array, strength: float, higher: float) -> Array:
+    """Cheeseman & Bennett with an image of another strength under rotors that stand higher: 1 / (1 - s / (z + c)^2)."""
+    ends = [1.0 - strength / (z + higher) ** 2 for z in (FARTHEST, height)]
+    return np.asarray(ends[0] / ends[1])
+
+
+def floor(heights: Array, ratios: Array) -> float:
+    """RMSE of the mean over curves at each height: no law of height alone is nearer."""
+    errors = ratios.copy()
+    for height in np.unique(heights):
+        here = heights == height
+        errors[here] -= ratios[here].mean()
+    return rmse(errors)
 
 
 def curves(text: str) -> dict[str, Curve]:
@@ -64,19 +78,22 @@ def rmse(errors: Array) -> float:
     return float(np.sqrt((errors**2).mean()))
 
 
-def fitted(height: Array, ratio: Array) -> tuple[float, float]:
-    """Gain and decay of the exponential law."""
-    found, _ = curve_fit(exponential, height, ratio, p0=START)
+def fitted(height: Array, ratio: Array, law: Law = exponential) -> tuple[float, float]:
+    """The two numbers of a law."""
+    found, _ = curve_fit(law, height, ratio, p0=STARTS[law])
     return float(found[0]), float(found[1])
 
 
-def left_out(height: Array, ratio: Array) -> Array:
-    """Errors (n,) at every height of the law fitted to the others."""
+def left_out(height: Array, ratio: Array, law: Law = exponential) -> Array:
+    """Errors (n,) at every height of a law fitted to the others."""
     out = []
     for k in range(len(height)):
-        law = fitted(np.delete(height, k), np.delete(ratio, k))
-        out.append(float(exponential(height[k], *law) - ratio[k]))
+        numbers = fitted(np.delete(height, k), np.delete(ratio, k), law)
+        out.append(float(law(height[k], *numbers) - ratio[k]))
     return np.array(out)
+
+
+STARTS: dict[Law, tuple[float, float]] = {exponential: (0.5, 1.5), displaced: (0.06, 0.1)}
 
 
 def main() -> int:
@@ -102,11 +119,24 @@ def main() -> int:
     print(f"| Cheeseman and Bennett | {classic:.4f} | | {leaning:.4f} |")
     print(f"| ground_effect, of the coplanar pair | {flat:.4f} | {without:.4f} | {frozen:.4f} |")
     print(f"| ground_effect, of all curves | | | {one:.4f} |")
+    moved = fitted(height, ratio, displaced)
+    image = rmse(displaced(height, *moved) - ratio)
+    held = rmse(left_out(height, ratio, displaced))
+    told = rmse(displaced(heights, *moved) - ratios)
+    least = floor(heights, ratios)
+    print(f"| displaced image, of the coplanar pair | {image:.4f} | {held:.4f} | {told:.4f} |")
+    print(f"| any law of height alone | | | at least {least:.4f} |")
     if a.result:
         detail = f"Cheeseman and Bennett {classic:.4f}"
         figures = [
             figure("rotor pairs: coplanar", f"{flat:.4f}", detail, "0.006", met=flat <= 0.006),
             figure("rotor pairs: all curves, one law", f"{one:.4f}", "", "0.015", met=one <= 0.015),
+            figure(
+                "rotor pairs: coplanar, a displaced image",
+                f"{image:.4f}",
+                f"a height left out {held:.4f}",
+            ),
+            figure("rotor pairs: all curves, any law of height", f"at least {least:.4f}"),
         ]
         write_result(a, figures, seeds=f"{len(every)} curves", repeatable=True)
     return 0
