@@ -26,6 +26,7 @@ from sources.clone import read
 from sources.vehicle_file import vehicle_toml
 
 CONVERTERS = (
+    "fpv",
     "hexacopter",
     "hexarotor",
     "loss",

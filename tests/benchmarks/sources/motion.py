@@ -96,6 +96,12 @@ def specific_force(attitude: Rotation, acceleration: Array) -> Array:
     return attitude.inv().apply(acceleration - (0.0, 0.0, GRAVITY))
 
 
+def turn_rates(attitude: Rotation, rate_hz: float) -> Array:
+    """Angular rate (n, 3) in the body frame: the turn from the sample before to the one after."""
+    turn = (attitude[:-2].inv() * attitude[2:]).as_rotvec()
+    return np.pad(turn * rate_hz / 2.0, ((1, 1), (0, 0)), mode="edge")
+
+
 def averaged(x: Array, samples: int) -> Array:
     """Mean (n, 3) over ``samples``; beyond the ends there are zeros."""
     kernel = np.ones(samples) / samples

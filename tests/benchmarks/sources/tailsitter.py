@@ -18,7 +18,7 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from sources.clone import read
-from sources.motion import FLIP, Array, Motion, specific_force
+from sources.motion import FLIP, Array, Motion, specific_force, turn_rates
 from sources.vehicle_file import fans, throttle, vehicle
 
 COMMIT = "5bba36f3a1690d4e5f0a95e1bc4a14638f6595b4"
@@ -77,13 +77,7 @@ def motion_of(columns: dict[str, Array]) -> Motion:
         position=FLIP * columns["vision_position"],
         velocity=velocity,
         attitude=attitude,
-        rates=rates_of(attitude),
+        rates=turn_rates(attitude, RATE_HZ),
         force=specific_force(attitude, acceleration),
         outputs_us=columns["actuator_outputs"],
     )
-
-
-def rates_of(attitude: Rotation) -> Array:
-    """Angular rate (n, 3) in the body frame: the turn from the sample before to the one after."""
-    turn = (attitude[:-2].inv() * attitude[2:]).as_rotvec()
-    return np.pad(turn * RATE_HZ / 2.0, ((1, 1), (0, 0)), mode="edge")
