@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,17 +35,21 @@ class Coordinates:
     rpm_high: float
     axisymmetric: bool
 
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest of h, d and rpm, (3, 1) each."""
+        low = np.array([[self.h_near], [self.d_near], [self.rpm_low]])
+        return low, np.array([[self.h_far], [self.d_far], [self.rpm_high]])
+
     def inputs(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> tuple[Array, Array]:
         """Inputs (n, 3) and gates (n, 6) at flat arrays h, d, rpm (n,)."""
-        th = unit(h, self.h_near, self.h_far)
-        td = unit(d, self.d_near, self.d_far)
-        x = np.zeros((len(th), 3))
-        x[:, 0] = 1 - 2 * (1 - th) ** 2
-        x[:, 1] = 1 - 2 * (1 - td) ** 2
+        t = unit(np.array([h, d, rpm], dtype=float), *self._bounds)
+        near = t[:2]
+        x = np.zeros((t.shape[1], 3))
+        x[:, :2] = (1 - 2 * (1 - near) ** 2).T
         if self.rpm_high > self.rpm_low:
-            x[:, 2] = 2 * unit(rpm, self.rpm_low, self.rpm_high) - 1
-        near_h = (1 - th * th) ** 3
-        near_d = (1 - td * td) ** 3
+            x[:, 2] = 2 * t[2] - 1
+        near_h, near_d = (1 - near * near) ** 3
         any_surface = 1 - (1 - near_h) * (1 - near_d)
         if self.axisymmetric:
             wall_only = near_d
@@ -53,12 +58,18 @@ class Coordinates:
         return x, np.where(HORIZONTAL, wall_only[:, None], any_surface[:, None])
 
 
-def unit(value: ArrayLike, low: float, high: float) -> Array:
-    """(value - low)/(high - low) clipped to 0...1; where the bounds coincide, 0.5 at or below them, 1 beyond."""
-    v = np.asarray(value, dtype=float)
-    if high <= low:
-        return np.asarray(np.where(np.isnan(v), np.nan, np.where(v > high, 1.0, 0.5)))
-    return np.asarray((np.minimum(np.maximum(v, low), high) - low) / (high - low))
+def unit(value: Array, low: Array, high: Array) -> Array:
+    """(value - low)/(high - low) clipped to 0...1; where the bounds coincide, 0.5 at or below them, 1 beyond.
+
+    ``value`` (k, n), bounds (k, 1).
+    """
+    width = high - low
+    above = np.minimum(np.maximum(value, low), high) - low
+    if np.count_nonzero(width) == len(width):
+        return np.asarray(above / width)
+    # Without a width, what is above is zero, or NaN.
+    side = above + np.where(value > high, 1.0, 0.5)
+    return np.where(width > 0.0, above / np.where(width > 0.0, width, 1.0), side)
 
 
 def fit(data: DataSet, increments: Array, axisymmetric: bool) -> Coordinates:

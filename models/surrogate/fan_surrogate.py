@@ -267,11 +267,14 @@ class FanSurrogate:
         >>> answer.wrench.shape, answer.sigma.shape, answer.trust.shape
         ((2, 6), (2, 6), (2,))
         """
-        arrays = [np.asarray(v, dtype=float) for v in (h, d, rpm)]
-        shape = np.broadcast_shapes(*(a.shape for a in arrays))
+        shape = np.broadcast(h, d, rpm).shape
         n = math.prod(shape)
-        # Adding zeros broadcasts as numpy's broadcast_to does, which keeps some memory of each call.
-        h, d, rpm = ((a if a.shape == shape else a + np.zeros(shape)).ravel() for a in arrays)
+        # Filling an array broadcasts as numpy's broadcast_to does, which keeps some memory of each call.
+        places = np.empty((3, *shape))
+        places[0] = h
+        places[1] = d
+        places[2] = rpm
+        h, d, rpm = places.reshape(3, n)
         if n <= CHUNK:
             wrench, sigma, trust = self._batch(h, d, rpm)
         else:
@@ -283,7 +286,8 @@ class FanSurrogate:
         return Answer(wrench.reshape(*shape, 6), sigma.reshape(*shape, 6), trust.reshape(shape))
 
     def _batch(self, h: Array, d: Array, rpm: Array) -> tuple[Array, Array, Array]:
-        unknown = ~((h >= 0.0) & (d >= 0.0) & (rpm >= 0.0) & (rpm < np.inf))
+        least = np.minimum(np.minimum(h, d), rpm)
+        unknown = ~((least >= 0.0) & (rpm < np.inf))
         some_unknown = unknown.any()
         if some_unknown:
             h = np.where(unknown, np.inf, h)

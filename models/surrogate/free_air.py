@@ -43,10 +43,8 @@ class FreeAir:
     def lift(self, rpm: ArrayLike) -> Array:
         """Lift [N], shape of ``rpm``; 0 at rest, NaN for a negative speed."""
         speed = np.asarray(rpm, dtype=float) / self.rpm_ref
-        with np.errstate(invalid="ignore"):
-            return np.where(
-                speed < 0.0, np.nan, self.lift_n * np.abs(speed) ** (2.0 + self.exponent)
-            )
+        lift = self.lift_n * np.abs(speed) ** (2.0 + self.exponent)
+        return np.where(speed < 0.0, np.nan, lift)
 
     def wrench(self, rpm: ArrayLike) -> Array:
         """Wrench (..., 6) in free air, corner frame."""

@@ -31,7 +31,7 @@ class PolynomialRegressor:
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread, each (n, 6), at inputs (n, 3)."""
         mean: Array = monomials(x, self.degree) @ self.coefficients
-        return mean, np.broadcast_to(self.residual, mean.shape).copy()
+        return mean, np.zeros_like(mean) + self.residual
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
@@ -50,8 +50,10 @@ class PolynomialRegressor:
 def monomials(x: Array, degree: int) -> Array:
     """All products of inputs (n, k) up to ``degree``, the constant first, shape (n, terms)."""
     inputs = x.shape[1]
-    with_one = np.vstack([x.T, np.ones(len(x))])
-    return np.asarray(with_one[_factors(inputs, degree)].prod(axis=0).T)
+    with_one = np.ones((inputs + 1, len(x)))
+    with_one[:inputs] = x.T
+    products: Array = np.multiply.reduce(with_one[_factors(inputs, degree)])
+    return products.T
 
 
 @cache
