@@ -83,14 +83,14 @@ def _still(motion: Trajectory) -> Mask:
 
 
 def _touches(still: Mask, lift: Array, felt: Array, rate: float) -> bool:
-    """Whether a vehicle lands hard in a run (m,) of the rotors, stands in its middle, or leans while it moves.
+    """Whether a vehicle stands all through a run (m,) of the rotors, or in its middle, lands hard, or leans in motion.
 
     A calm hover may look still, but its lift is that of the rest of the flight. Wind makes a vehicle lean, but not
     one that stands with the same lift. ``felt`` (m, 3): force over the weight.
     """
     moving = np.flatnonzero(~still & (lift > SPUN_UP * np.nanmedian(lift)))
     if not moving.size:
-        return False
+        return bool(still.sum() > STOOD_S * rate)
     usual = float(np.nanmedian(lift[moving]))
     between = slice(moving[0], moving[-1])
     stands = (still[between] & (lift[between] < LESS * usual)).sum() > STOOD_S * rate

@@ -105,6 +105,17 @@ def test_a_stand_that_shakes(flown: Motion, vehicle: Vehicle, run: object) -> No
     assert NOT_FLOWN in refused(replace(log, imus=(noisy,)), vehicle)
 
 
+def test_an_attitude_that_drifts_while_the_vehicle_stands_is_no_flight(
+    flown: Motion, vehicle: Vehicle
+) -> None:
+    spun_up = np.clip(flown.t - 2.0, 0.0, 1.0)
+    stood = held(flown, spun_up * constant(flown))
+    roll = 0.02 * np.sin(0.5 * flown.t)
+    quaternion = np.stack([np.cos(roll / 2.0), np.sin(roll / 2.0), 0.0 * roll, 0.0 * roll], axis=1)
+    log = logged(replace(stood, quaternion=quaternion), vehicle, Path("stand.tlog"))
+    assert "did not fly" in refused(replace(log, beams=()), vehicle)
+
+
 def test_a_position_that_drifts_is_no_flight(flown: Motion, vehicle: Vehicle) -> None:
     log = bench(flown, vehicle, ramps)
     assert log.position is not None
