@@ -95,7 +95,9 @@ def _touches(still: Mask, lift: Array, felt: Array, rate: float) -> bool:
     between = slice(moving[0], moving[-1])
     stands = (still[between] & (lift[between] < LESS * usual)).sum() > STOOD_S * rate
     size = np.sqrt((felt[between] ** 2).sum(axis=1))
-    if stands or (size > HARD_G).any():
+    # A blow in the last second is the landing that ends a flight.
+    before_landing = size[: -round(STOOD_S * rate)]
+    if stands or (before_landing > HARD_G).any():
         return True
     width = 2 * round(0.5 * STOOD_S * rate) + 1
     stood = np.convolve(still.astype(float), np.ones(width), "same") > width - 0.5

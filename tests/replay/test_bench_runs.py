@@ -116,6 +116,29 @@ def test_an_attitude_that_drifts_while_the_vehicle_stands_is_no_flight(
     assert "did not fly" in refused(replace(log, beams=()), vehicle)
 
 
+@pytest.mark.parametrize(("blow_s", "judged"), [(0.3, True), (5.0, False)])
+def test_a_hard_landing_ends_a_low_flight_and_one_before_is_a_hop(
+    flown: Motion, vehicle: Vehicle, blow_s: float, judged: bool
+) -> None:
+    """``blow_s``: before the rotors stop. The estimated height hardly changes, and nothing looks down."""
+    stop = len(flown.t) - round(3.0 * RATE_HZ)
+    speed = flown.speed.copy()
+    speed[: round(2.0 * RATE_HZ)] = 0.0
+    speed[stop:] = 0.0
+    height = flown.position[:, 2] - flown.position[0, 2]
+    position = flown.position.copy()
+    position[:, 2] = 0.08 * height / np.abs(height).max()
+    force = flown.force.copy()
+    blow = stop - round(blow_s * RATE_HZ)
+    force[blow : blow + 10, 2] = -2.5 * GRAVITY
+    landed = replace(flown, speed=speed, position=position, force=force)
+    log = replace(logged(landed, vehicle, Path("low.tlog")), beams=())
+    if judged:
+        assert build_record(log, vehicle, None).seconds > 10.0
+    else:
+        assert "did not fly" in refused(log, vehicle)
+
+
 def test_a_position_that_drifts_is_no_flight(flown: Motion, vehicle: Vehicle) -> None:
     log = bench(flown, vehicle, ramps)
     assert log.position is not None
