@@ -18,7 +18,7 @@ from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
 HUBS_RADII = 1.0
-"""Height over its declared place at which a hub may still stand [rotor radii]: files give it roughly."""
+"""A hub may stand so much higher than its file says [rotor radii]: files give it roughly."""
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:

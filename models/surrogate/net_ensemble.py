@@ -40,7 +40,7 @@ class NetEnsemble:
         for start in range(0, len(x), CHUNK):
             rows = slice(start, start + CHUNK)
             out = self.outputs(x[rows])
-            # As numpy's mean and std sum up, which spend most of their time on other arguments than these.
+            # numpy's mean and std give the same sums, and take longer over few numbers.
             middle = np.add.reduce(out) / len(out)
             mean[rows] = middle
             out -= middle

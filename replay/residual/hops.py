@@ -83,7 +83,7 @@ def _still(motion: Trajectory) -> Mask:
 
 
 def _touches(still: Mask, lift: Array, felt: Array, rate: float) -> bool:
-    """Whether a vehicle stands all through a run (m,) of the rotors, or in its middle, lands hard, or leans in motion.
+    """Whether in a run (m,) of the rotors a vehicle stands, lands hard before its end, or leans.
 
     A calm hover may look still, but its lift is that of the rest of the flight. Wind makes a vehicle lean, but not
     one that stands with the same lift. ``felt`` (m, 3): force over the weight.

@@ -120,7 +120,7 @@ def test_an_attitude_that_drifts_while_the_vehicle_stands_is_no_flight(
 def test_a_hard_landing_ends_a_low_flight_and_one_before_is_a_hop(
     flown: Motion, vehicle: Vehicle, blow_s: float, judged: bool
 ) -> None:
-    """``blow_s``: before the rotors stop. The estimated height hardly changes, and nothing looks down."""
+    """``blow_s``: before the rotors stop. Height hardly changes, and nothing looks down."""
     stop = len(flown.t) - round(3.0 * RATE_HZ)
     speed = flown.speed.copy()
     speed[: round(2.0 * RATE_HZ)] = 0.0
