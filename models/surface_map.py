@@ -136,9 +136,10 @@ def cell_name(part: str, cell: int) -> str:
 
 
 def _held_towards_wall(cells: Array, seen: Array) -> Array:
-    """``cells`` (parts, size) that fall no more towards a wall, nearer than the flights ``seen`` (size,) were.
+    """``cells`` (parts, size) whose pull and tilt do not fall nearer to a wall than flights were.
 
-    The prior lets them fall to zero there. An offset that falls as the vehicle comes nearer pushes it to the wall.
+    The prior lets them fall to zero there. An offset that falls as the vehicle comes nearer lets the wall draw it in.
+    Lift does not feed itself so. ``seen`` (size,): where flights were.
     """
     gaps = len(MEASURED.gaps)
     visited = np.flatnonzero(seen.reshape(-1, gaps).max(axis=0) >= _VISITED)
@@ -150,6 +151,7 @@ def _held_towards_wall(cells: Array, seen: Array) -> Array:
         nearer = held[:, :, column]
         falls = np.sign(outer) * nearer < np.abs(outer)
         held[:, :, column] = np.where(falls, outer, nearer)
+    held[PARTS.index("lift")] = cells[PARTS.index("lift")].reshape(-1, gaps)
     return held.reshape(cells.shape)
 
 

@@ -75,6 +75,8 @@ def test_nearer_to_the_wall_than_flights_were_the_map_does_not_fall() -> None:
     vehicle = default_vehicle()
     radius_m = vehicle.rotor_radius_m
     flown = {cell_name("pull", k): 0.0 for k in range(MEASURED.size)}
+    place = MEASURED.heights.index(2.0) * len(MEASURED.gaps) + MEASURED.gaps.index(1.0)
+    flown[cell_name("lift", place)] = 0.03
     seen = {cell_name("seen", k): 0.0 for k in range(MEASURED.size)}
     column = MEASURED.gaps.index(1.0)
     high = MEASURED.heights.index(2.0)
@@ -88,8 +90,9 @@ def test_nearer_to_the_wall_than_flights_were_the_map_does_not_fall() -> None:
     h = np.array([2.0, 2.0, 1.25, 2.0]) * radius_m
     d = np.array([1.0, 0.1, 0.1, 1.6]) * radius_m
     lift = bare.free_air(4000.0)[2]
-    pull = (amended.wrench(h, d, 4000.0) - bare.wrench(h, d, 4000.0))[:, 0] / lift
-    assert pull == pytest.approx([0.02, 0.02, 0.02, 0.0])
+    added = (amended.wrench(h, d, 4000.0) - bare.wrench(h, d, 4000.0)) / lift
+    assert added[:, 0] == pytest.approx([0.02, 0.02, 0.02, 0.0])
+    assert added[:, 2] == pytest.approx([0.03, 0.0, 0.0, 0.0])  # lift fades as before
 
 
 def test_the_columns_that_diagnosis_fits_are_what_the_amended_model_answers() -> None:
