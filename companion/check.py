@@ -586,7 +586,7 @@ def _wall(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     tuned = tune(loop, state.plant.timing)
     heights = (math.inf, _LOW_RADII * setup.config.vehicle.rotor_radius_m)
     laws = [wall_law(setup.config, hovering(setup.config, height_m)) for height_m in heights]
-    least_m = max([beside_wall(tuned, 1.0, law, math.inf).least_wall_m for law in laws])
+    least_m = max([beside_wall(tuned, law).least_wall_m for law in laws])
     if least_m == 0.0:
         yield Item("beside a wall", Verdict.PASS, "the hold is stable at any distance")
         return

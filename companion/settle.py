@@ -12,7 +12,6 @@ from companion.control.compensation import Offset
 from companion.control.plant import HoldTuning, Source, declared_loop, hear_attitude, tune
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.reasons import Notice
-from companion.control.wall_distance import sent_to_m
 from companion.control.wall_stability import beside_wall
 from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample
@@ -145,22 +144,12 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
     tuned = tune(loop, plant.timing, softer)
     law = wall_law_now(state, config, t_s)
     if law is not None:
-        tuned = beside_wall(tuned, softer, law, _lip_m(state))
+        tuned = beside_wall(tuned, law)
     notice = state.notice
     if swing.level == 0 and _is_slow(tuned) and (plant.tuned is None or not _is_slow(plant.tuned)):
         notice = (Notice.SLOW_PLANT, t_s)
     plant = with_changes(plant, swing=swing, loop=loop, tuned=tuned, tuned_s=t_s)
     return with_changes(state, plant=plant, notice=notice)
-
-
-def _lip_m(state: PipelineState) -> float:
-    """How near to the wall the nearest lip is, or is sent."""
-    assert state.air.disturbance is not None
-    lip_m = min(state.air.disturbance.d_m)
-    hold = state.held.hold
-    if hold is None or state.held.wall is None:
-        return lip_m
-    return min(lip_m, sent_to_m(hold, state.held.wall))
 
 
 def _is_slow(tuned: HoldTuning) -> bool:

@@ -8,7 +8,7 @@ acceleration command (Astrom and Murray, Feedback Systems, 2nd ed. 2021, chapter
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
@@ -37,6 +37,10 @@ class Margin:
         """Whether both are at least those of ``least``."""
         return self.gain >= least.gain and self.phase_deg >= least.phase_deg
 
+    def share_of(self, wanted: Margin) -> float:
+        """The smaller of the two shares of what is wanted."""
+        return min(self.gain / wanted.gain, self.phase_deg / wanted.phase_deg)
+
 
 @dataclass(frozen=True, kw_only=True)
 class HoldGains:
@@ -50,18 +54,10 @@ class HoldGains:
     height_1_s: float = 3.3
     climb_1_s: float = 7.0
     climb_integral_1_s2: float = 4.0
-    tilt_lead_s: float = 0.19
-    """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
-
-    @property
-    def lag_s(self) -> float:
-        """How late the attitude loop answers, as far as the reference waits for it: not with soft gains.
-
-        With them it ran on into the wall on ArduCopter (slow attitude loop, positions at 10 Hz, no offsets).
-        """
-        if self.position_1_s >= HoldGains.position_1_s:
-            return self.tilt_lead_s / TILT_LEAD_SHARE
-        return 0.0
+    tilt_lead_s: float = 0.144
+    """How far ahead velocity is predicted from the tilt that there is."""
+    lag_s: float = 0.24
+    """How late the attitude loop answers: the reference waits for it."""
 
 
 FULL = HoldGains()
@@ -90,13 +86,17 @@ TILT_MEAN_S = 0.8
 degrees lower, at twice of it a slow disturbance is answered later (docs/lab/hold.md)."""
 CLIMB_LEAD_S = 0.05
 """How far ahead vertical velocity is predicted from the acceleration that was asked for: about what motors are late."""
-TILT_LEAD_SHARE = 0.8
+_TILT_LEAD_SHARE = 0.6
 """How far ahead velocity is predicted from the tilt that there is: a share of the loop's own lag."""
-_WANTED = Margin(gain=1.6, phase_deg=18.0)
-"""Gains are chosen to have at least this. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which the
-full gains have on quick loops; on slow ones softer gains are drawn to a wall sooner than they would swing."""
-SHARES = tuple(0.92**k for k in range(21))
-"""Of the gains, tried in this order: down to 0.19."""
+_WANTED = Margin(gain=1.7, phase_deg=22.0)
+"""Level gains have at least this. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3): those gains are
+drawn further to a wall (docs/lab/hold.md)."""
+_WANTED_CLIMB = Margin(gain=1.6, phase_deg=18.0)
+"""The same of height."""
+_SHARES = tuple(0.92**k for k in range(21))
+"""Of height's gains, tried in this order: down to 0.19."""
+_LEVEL_SHARES = _SHARES[::2]
+"""Of the gains of position and velocity: in pairs, so in wider steps."""
 
 
 class Source(Enum):
@@ -195,7 +195,7 @@ class HoldTuning:
     margin: Margin
     """The smaller of the horizontal and the vertical loop's, each figure by itself."""
     share: float
-    """Of the full horizontal gains."""
+    """Of the full horizontal bandwidth: the root of the share of the full stiffness (position times velocity gain)."""
     climb_share: float
     loop: AttitudeLoop
     age_s: float = 0.0
@@ -264,21 +264,31 @@ def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
     return out
 
 
-def soften(gains: HoldGains, share: float, climb_share: float) -> HoldGains:
-    """Gains with a bandwidth of ``share`` horizontally and ``climb_share`` vertically: the shape of the loops stays."""
+def soften(
+    gains: HoldGains,
+    *,
+    position_share: float = 1.0,
+    velocity_share: float = 1.0,
+    climb_share: float = 1.0,
+) -> HoldGains:
+    """Gains of which the position's, the velocity's and both of height are taken by a share.
+
+    An integral is taken by the shares of both gains of its axis.
+    """
     return HoldGains(
-        position_1_s=gains.position_1_s * share,
-        velocity_1_s=gains.velocity_1_s * share,
-        integral_1_s2=gains.integral_1_s2 * share**2,
+        position_1_s=gains.position_1_s * position_share,
+        velocity_1_s=gains.velocity_1_s * velocity_share,
+        integral_1_s2=gains.integral_1_s2 * position_share * velocity_share,
         height_1_s=gains.height_1_s * climb_share,
         climb_1_s=gains.climb_1_s * climb_share,
         climb_integral_1_s2=gains.climb_integral_1_s2 * climb_share**2,
         tilt_lead_s=gains.tilt_lead_s,
+        lag_s=gains.lag_s,
     )
 
 
 def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
-    """The hardest gains, at most ``FULL`` times ``softer``, that have the margin wanted.
+    """The stiffest gains, at most ``FULL`` times ``softer``, that have the margin wanted.
 
     Where none has, the ones with the largest margin: whoever flies decides whether that is enough.
     """
@@ -297,31 +307,69 @@ def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
 
 @lru_cache(maxsize=256)
 def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
-    led = with_changes(FULL, tilt_lead_s=TILT_LEAD_SHARE * loop.lag_s)
-    share, level = _hardest(
-        lambda s: margin_of(horizontal_loop(soften(led, s, 1.0), loop, age_s)), softer
+    hardest = with_changes(
+        soften(FULL, position_share=softer, velocity_share=softer, climb_share=softer),
+        tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s,
+        lag_s=loop.lag_s,
     )
-    climb_share, vertical = _hardest(
-        lambda s: margin_of(vertical_loop(soften(led, 1.0, s), age_s)), softer
+    level = _stiffest(hardest, loop, age_s)
+    climb_share, vertical = _hardest_climb(hardest, age_s)
+    gains = soften(level.gains, climb_share=climb_share)
+    margin = Margin(
+        gain=min(level.margin.gain, vertical.gain),
+        phase_deg=min(level.margin.phase_deg, vertical.phase_deg),
     )
-    margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
+    stiffness_share = (gains.position_1_s / FULL.position_1_s) * (
+        gains.velocity_1_s / FULL.velocity_1_s
+    )
     return HoldTuning(
-        gains=soften(led, share, climb_share),
+        gains=gains,
         margin=margin,
-        share=share,
-        climb_share=climb_share,
+        share=math.sqrt(stiffness_share),
+        climb_share=softer * climb_share,
         loop=loop,
         age_s=age_s,
     )
 
 
-def _hardest(margin_at: Callable[[float], Margin], softer: float) -> tuple[float, Margin]:
-    """The first share that has enough of a margin, else the one with the largest."""
-    tried = [(share * softer, margin_at(share * softer)) for share in SHARES]
-    enough = [one for one in tried if one[1].meets(_WANTED)]
-    most = max(
-        tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg)
-    )
-    if enough:
-        return enough[0]
-    return most
+class _Level(NamedTuple):
+    """Gains, and the margin that the horizontal loop has with them."""
+
+    gains: HoldGains
+    margin: Margin
+
+
+def _stiffest(hardest: HoldGains, loop: AttitudeLoop, age_s: float) -> _Level:
+    """Of the shares of ``hardest``, those with the margin wanted that push back hardest against a displacement.
+
+    The acceleration per metre is the product of the gains of position and velocity. A late position bounds the gain
+    of the velocity, a slow attitude that of the position: each is softened by itself.
+    """
+    tried = []
+    best: _Level | None = None
+    stiffness_share = 0.0
+    for velocity_share in _LEVEL_SHARES:
+        for position_share in _LEVEL_SHARES:
+            if velocity_share * position_share <= stiffness_share:
+                break
+            gains = soften(hardest, position_share=position_share, velocity_share=velocity_share)
+            found = _Level(gains, margin_of(horizontal_loop(gains, loop, age_s)))
+            tried.append(found)
+            if found.margin.meets(_WANTED):
+                best = found
+                stiffness_share = velocity_share * position_share
+                break
+    if best is not None:
+        return best
+    return max(tried, key=lambda one: one.margin.share_of(_WANTED))
+
+
+def _hardest_climb(hardest: HoldGains, age_s: float) -> tuple[float, Margin]:
+    """The first share of height's gains that has enough of a margin, else the one with the largest."""
+    tried = []
+    for share in _SHARES:
+        margin = margin_of(vertical_loop(soften(hardest, climb_share=share), age_s))
+        if margin.meets(_WANTED_CLIMB):
+            return share, margin
+        tried.append((share, margin))
+    return max(tried, key=lambda one: one[1].share_of(_WANTED_CLIMB))

@@ -11,84 +11,32 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from companion.control.plant import (
-    FULL,
-    SHARES,
-    TILT_LEAD_SHARE,
     TILT_MEAN_S,
     AttitudeLoop,
     Frequencies,
     HoldGains,
     HoldTuning,
-    Margin,
     horizontal_loop,
-    margin_of,
-    soften,
 )
 from companion.disturbance.wall_law import WallLaw
 from models.common.frozen_copy import with_changes
 
 DECAY_1_S = 0.1
 """Wanted: whatever a nudge leaves dies out at least so fast, to a third within ten seconds."""
-_BESIDE_WALL = Margin(gain=1.4, phase_deg=12.0)
-"""Enough there: softer gains have more phase and are drawn to the wall."""
-_SOFTEST = 0.35
-"""Share of the full gains: softer, the hold is refused."""
 _ALONG = np.concatenate([np.arange(1e-4, 20.0, 0.02), np.geomspace(20.0, 400.0, 150)])
 """rad/s: from beside the pole at 0, fine where roots may be, on to where only the poles count."""
 _DEGREE = 6
 """Of F: two lags, the integral, place and velocity, the mean of the tilt."""
 
 
-def beside_wall(tuned: HoldTuning, softer: float, law: WallLaw, lip_m: float) -> HoldTuning:
-    """``tuned`` for free air as it is flown beside a wall that the nearest lip is, or is sent to, ``lip_m`` from.
-
-    The gains stay where they hold the pull. Otherwise they are the hardest with a margin of ``_BESIDE_WALL`` that hold
-    it, or those that hold most. ``least_wall_m``: nearer, none hold it.
-    """
-    own = stiffness_held(tuned.gains, tuned.loop, tuned.age_s)
-    if own >= law.steepest(0.0):
-        return tuned
-    choices = _choices(tuned.loop, tuned.age_s, softer, tuned.climb_share)
-    most = max([own, *(choice.held_1_s2 for choice in choices)])
-    least_m = law.least_m(most)
-    needed = min(law.steepest(max(lip_m, least_m)), most)
-    tuned = with_changes(tuned, least_wall_m=least_m)
-    if own >= needed:
-        return tuned
-    chosen = next(choice for choice in choices if choice.held_1_s2 >= needed)
-    phase_deg = min(tuned.margin.phase_deg, chosen.margin.phase_deg)
-    margin = Margin(min(tuned.margin.gain, chosen.margin.gain), phase_deg)
-    return with_changes(tuned, gains=chosen.gains, margin=margin, share=chosen.share)
-
-
-class Choice(NamedTuple):
-    """Gains, the margin that they have in free air, and the steepest pull that they hold."""
-
-    share: float
-    gains: HoldGains
-    margin: Margin
-    held_1_s2: float
-
-
-@lru_cache(maxsize=16)
-def _choices(
-    loop: AttitudeLoop, age_s: float, softer: float, climb_share: float
-) -> tuple[Choice, ...]:
-    """From hard to soft, those with a margin of ``_BESIDE_WALL``."""
-    led = with_changes(FULL, tilt_lead_s=TILT_LEAD_SHARE * loop.lag_s)
-    out = []
-    for share in SHARES:
-        gains = soften(led, share * softer, climb_share)
-        margin = margin_of(horizontal_loop(gains, loop, age_s))
-        if share * softer >= _SOFTEST and margin.meets(_BESIDE_WALL):
-            held = stiffness_held(gains, loop, age_s)
-            out.append(Choice(share * softer, gains, margin, held))
-    return tuple(out)
+def beside_wall(tuned: HoldTuning, law: WallLaw) -> HoldTuning:
+    """``tuned`` with the least distance from a wall at which it holds its pull: 0 where it holds it at any."""
+    held_1_s2 = stiffness_held(tuned.gains, tuned.loop, tuned.age_s)
+    return with_changes(tuned, least_wall_m=law.least_m(held_1_s2))
 
 
 @lru_cache(maxsize=512)

@@ -90,11 +90,11 @@ def test_with_a_slow_attitude_loop_and_late_positions_by_less_than_6_cm(mask):
     assert max(past for _, past in flown_ramp(mask, slow=True, wall_m=9.0)) < 0.06
 
 
-def test_a_slow_loop_that_is_sent_too_near_to_a_wall_stays_where_it_holds_the_pull():
-    """Before, the hold went 0.09 m past the place, 0.15 m from the wall."""
+def test_a_slow_loop_holds_the_pull_of_a_wall_that_it_is_sent_to():
+    """Gains softened alike, position and velocity, let it go 0.09 m past the place, 0.15 m from the wall."""
     seen = flown_ramp(POSITION_ONLY, slow=True)
-    assert max(past for _, past in seen) < 0.03
-    assert -0.10 < seen[-1][1] < 0.0
+    assert max(past for _, past in seen) < 0.06
+    assert abs(seen[-1][1]) < 0.03
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.25, 0.5])
