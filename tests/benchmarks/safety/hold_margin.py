@@ -202,7 +202,9 @@ def flown_with(gains: str) -> Iterator[None]:
     any_margin = Margin(-1e9, -1e9)
     with ExitStack() as stack:
         if gains != "chosen":
-            stack.enter_context(mock.patch.object(hold_plant, "_WANTED", any_margin))
+            stack.enter_context(
+                mock.patch.multiple(hold_plant, _WANTED=any_margin, _WANTED_CLIMB=any_margin)
+            )
             stack.enter_context(
                 mock.patch.multiple(refusals, _LEAST=any_margin, _LEAST_SHARE=0.0, _KEPT_SHARE=0.0)
             )
