@@ -237,16 +237,33 @@ def horizontal_loop(
 ) -> Frequencies:
     """Open loop (n,) over ``s`` from acceleration command to acceleration command.
 
-    ``age_s``: how old a position is on average when it is used; it is predicted over that time by the tilt.
+    ``age_s``: how old a position is on average when it is used; it is carried on over that time by the tilts since.
     ``stiffness_1_s2``: k of a wall's pull that grows by k x towards it; the plant is 1 / (s^2 - k).
     """
     high_pass = s * TILT_MEAN_S / (1.0 + s * TILT_MEAN_S)
-    late = np.exp(-s * age_s) / (1.0 - stiffness_1_s2 / s**2)
-    velocity = late / s + age_s * high_pass
-    position = late / s**2 + age_s * (late / s + 0.5 * age_s * high_pass)
+    delayed = np.exp(-s * age_s)
+    late = delayed / (1.0 - stiffness_1_s2 / s**2)
+    gained = _gained(s, delayed, age_s)
+    velocity = late / s + gained.velocity * high_pass
+    position = late / s**2 + age_s * late / s + gained.place * high_pass
     slip = gains.position_1_s * position + velocity + gains.tilt_lead_s * high_pass
     out: Frequencies = loop.response(s) * (gains.velocity_1_s + gains.integral_1_s2 / s) * slip
     return out
+
+
+class _Gained(NamedTuple):
+    """What an acceleration has added to velocity and place within an age, over frequency."""
+
+    velocity: Frequencies
+    place: Frequencies
+
+
+def _gained(s: Frequencies, delayed: Frequencies, age_s: float) -> _Gained:
+    """v(t) - v(t - age) and x(t) - x(t - age) - age v(t - age) over a(t); ``delayed``: exp(-s age)."""
+    return _Gained(
+        velocity=(1.0 - delayed) / s,
+        place=(1.0 - delayed) / s**2 - age_s * delayed / s,
+    )
 
 
 def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
@@ -256,8 +273,9 @@ def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
     plant = np.exp(-s * _THRUST_DELAY_S) / (1.0 + s * _THRUST_LAG_S)
     late = np.exp(-s * age_s)
     # What is predicted is what was asked for, before lag and delay.
-    velocity = plant * late / s + (age_s + CLIMB_LEAD_S) * high_pass
-    position = plant * (late / s**2 + age_s * late / s) + 0.5 * age_s**2 * high_pass
+    gained = _gained(s, late, age_s)
+    velocity = plant * late / s + (gained.velocity + CLIMB_LEAD_S) * high_pass
+    position = plant * (late / s**2 + age_s * late / s) + gained.place * high_pass
     out: Frequencies = (gains.climb_1_s + gains.climb_integral_1_s2 / s) * (
         gains.height_1_s * position + velocity
     )
@@ -342,8 +360,8 @@ class _Level(NamedTuple):
 def _stiffest(hardest: HoldGains, loop: AttitudeLoop, age_s: float) -> _Level:
     """Of the shares of ``hardest``, those with the margin wanted that push back hardest against a displacement.
 
-    The acceleration per metre is the product of the gains of position and velocity. A late position bounds the gain
-    of the velocity, a slow attitude that of the position: each is softened by itself.
+    The acceleration per metre is the product of the gains of position and velocity. Dead time bounds the gain of the
+    velocity, a slow attitude that of the position: each is softened by itself.
     """
     tried = []
     best: _Level | None = None

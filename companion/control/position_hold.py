@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from companion.control.dead_reckoning import KEPT_S, Reckoning, accelerated, gained_since
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import (
     Course,
@@ -45,10 +46,6 @@ _BALANCE_S = 0.25
 """Time over which the integral goes to what the tilt is seen to balance, while a limit is met."""
 _GAP_S = 0.5
 """After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""
-_MAX_PREDICTION_S = 0.4
-"""A position older than this is not predicted further: the tilt since then says too little."""
-_SAME_STAMP_S = 1e-4
-"""Positions whose stamps differ by less are one: stamps count milliseconds."""
 _AT_REST = (0.0, 0.0, 0.0)
 
 
@@ -71,14 +68,6 @@ class Motion(NamedTuple):
     """North and east acceleration [m/s^2] by which the tilt, on average, balances wind and walls; None: not known."""
 
 
-class Since(NamedTuple):
-    """What accelerations have added since the newest position was measured: to its velocity and to its place, NED."""
-
-    stamp_s: float
-    velocity: Vector3
-    place: Vector3
-
-
 class Hold(NamedTuple):
     """State of an engaged hold. Accelerations are NED, m/s^2."""
 
@@ -93,7 +82,8 @@ class Hold(NamedTuple):
     """Average of the vertical acceleration that was asked for beyond the reference's own."""
     climb_command: float
     """Vertical acceleration last asked for, integral included: what carries a late velocity on."""
-    since: Since | None = None
+    reckoning: Reckoning = ()
+    """What accelerations that the position does not show yet add up to."""
     drag_1_s: float = 0.0
     """Deceleration per speed through still air, learned on the move: it is fed forward and ends where the motion ends.
     In the integral it would carry the vehicle past the place where it stops."""
@@ -145,7 +135,6 @@ def engage(
         tilt_mean=mean,
         climb_mean=climb,
         climb_command=climb,
-        since=None,
         drag_1_s=drag_1_s,
     )
 
@@ -195,7 +184,7 @@ def fly(
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > _GAP_S:
         reference = start_reference(motion.position, motion.velocity, _AT_REST, gains.lag_s)
-        hold = hold._replace(target=settled_target(hold), reference=reference)
+        hold = hold._replace(target=settled_target(hold), reference=reference, reckoning=())
         dt = 0.0
     reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
     course = expected(reference, gains.lag_s)
@@ -213,13 +202,12 @@ def fly(
     mean_n, mean_e = lagged(hold.tilt_mean, (tilt_n, tilt_e), share)
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    since = _followed(
-        hold.since, t_s - motion.age_s, motion.age_s, dt, plus(extra, course.acceleration)
-    )
+    reckoning = accelerated(hold.reckoning, t_s, dt, plus(extra, course.acceleration))
     # Position and velocity now, from the late ones and what has accelerated the vehicle since.
-    straight = scaled(motion.velocity, min(motion.age_s, _MAX_PREDICTION_S))
-    position = plus(plus(motion.position, straight), since.place)
-    slip = _slip(course, position, plus(motion.velocity, since.velocity), extra, gains, limits)
+    gained = gained_since(reckoning, t_s - motion.age_s)
+    straight = scaled(motion.velocity, min(motion.age_s, KEPT_S))
+    position = plus(plus(motion.position, straight), gained.place)
+    slip = _slip(course, position, plus(motion.velocity, gained.velocity), extra, gains, limits)
     old = integral = hold.integral
     answer = (slip[0] * gains.velocity_1_s, slip[1] * gains.velocity_1_s, slip[2] * gains.climb_1_s)
     acceleration, saturated = _limited(plus(plus(answer, old), forward), motion.wall)
@@ -247,7 +235,7 @@ def fly(
         tilt_mean=(mean_n, mean_e),
         climb_mean=mean_d,
         climb_command=down,
-        since=since,
+        reckoning=reckoning,
         drag_1_s=drag,
     ), setpoint
 
@@ -288,25 +276,6 @@ def _slip(
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
     lead = gains.tilt_lead_s
     return minus(missing, (extra[0] * lead, extra[1] * lead, extra[2] * CLIMB_LEAD_S))
-
-
-def _followed(
-    since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Vector3
-) -> Since:
-    """One step further from a late position, by what accelerates the vehicle now NED m/s^2.
-
-    Between two positions it is summed step by step. The present acceleration over the whole age would be an algebraic
-    loop: a setpoint would be answered by its own forecast, and thrust would leap from limit to limit at every step
-    once damping times age exceeds 1.
-    """
-    if since is None or stamp_s > since.stamp_s + _SAME_STAMP_S:
-        age = min(max(age_s, 0.0), _MAX_PREDICTION_S)
-        gained = scaled(acceleration, age)
-        return Since(stamp_s, gained, scaled(gained, 0.5 * age))
-    if age_s > _MAX_PREDICTION_S:
-        return since
-    velocity = plus(since.velocity, scaled(acceleration, dt))
-    return Since(since.stamp_s, velocity, plus(since.place, scaled(since.velocity, dt)))
 
 
 def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:

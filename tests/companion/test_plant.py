@@ -44,6 +44,7 @@ def swings(
     dt = 0.005
     commands = deque([0.0] * (1 + round(loop.delay_s / dt)), maxlen=1 + round(loop.delay_s / dt))
     seen = deque([(0.0, 0.0)] * (1 + round(late_s / dt)), maxlen=1 + round(late_s / dt))
+    felt = deque([0.0] * round(late_s / dt), maxlen=round(late_s / dt))
     x = v = first = tilt = mean = integral = 0.0
     v, sizes = 0.05, []
     for _ in range(round(seconds / dt)):
@@ -54,8 +55,11 @@ def swings(
         seen.append((x, v))
         mean += dt / plant.TILT_MEAN_S * (tilt - mean)
         late_x, late_v = seen[0]
-        now_v = late_v + late_s * (tilt - mean)
-        now_x = late_x + late_s * (late_v + 0.5 * late_s * (tilt - mean))
+        felt.append(tilt - mean)
+        gained_v = dt * sum(felt)
+        gained_x = dt**2 * sum((len(felt) - k - 0.5) * one for k, one in enumerate(felt))
+        now_v = late_v + gained_v
+        now_x = late_x + late_s * late_v + gained_x
         slip = -gains.position_1_s * now_x - now_v - gains.tilt_lead_s * (tilt - mean)
         integral += dt * gains.integral_1_s2 * slip
         commands.append(gains.velocity_1_s * slip + integral)
@@ -97,14 +101,14 @@ def test_the_recorded_slow_loop_rang_as_its_margin_says(monkeypatch):
     assert chosen.margin.phase_deg >= plant._WANTED.phase_deg
 
 
-def test_slow_loops_and_late_positions_get_softer_gains_and_a_longer_lead():
+def test_slow_loops_and_late_positions_get_softer_gains():
     quick = tune(AttitudeLoop(0.05, 0.08), Timing())
     assert quick.share == quick.climb_share == 1.0
     slow = tune(AttitudeLoop(0.20, 0.10), Timing(position_period_s=0.1))
     assert slow.share < 0.8
     assert slow.gains.tilt_lead_s > quick.gains.tilt_lead_s
     late = tune(AttitudeLoop(0.07, 0.10), Timing(position_period_s=0.1, position_late_s=0.15))
-    assert late.share < 0.8
+    assert late.share < 0.9
     assert late.climb_share < 0.6
     for tuned in (quick, slow, late):
         assert tuned.margin.meets(plant._WANTED_CLIMB)
@@ -112,17 +116,25 @@ def test_slow_loops_and_late_positions_get_softer_gains_and_a_longer_lead():
 
 @pytest.mark.parametrize("late_s", [0.02, 0.10])
 def test_a_slow_attitude_softens_the_position_and_keeps_the_damping(late_s):
-    """Softened alike, both gains at 0.61 and 0.43, held pulls of 0.9 and 0.6 1/s^2."""
+    """Softened alike, both gains at 0.34 and 0.29 held pulls of 0.7 and 0.6 1/s^2."""
     slow = tune(AttitudeLoop(0.20, 0.10), Timing(position_period_s=0.10, position_late_s=late_s))
     assert slow.gains.velocity_1_s == FULL.velocity_1_s
     assert slow.gains.position_1_s < 0.7 * FULL.position_1_s
-    assert stiffness_held(slow.gains, slow.loop, slow.age_s) > 1.5
+    assert stiffness_held(slow.gains, slow.loop, slow.age_s) > 1.4
 
 
-def test_late_positions_soften_the_damping_of_a_quick_loop():
-    late = tune(AttitudeLoop(0.03, 0.08), Timing(position_period_s=0.10, position_late_s=0.08))
-    assert late.gains.velocity_1_s < FULL.velocity_1_s
-    assert late.gains.position_1_s > 0.7 * FULL.position_1_s
+def test_a_dead_time_softens_the_damping():
+    late = tune(AttitudeLoop(0.03, 0.30), Timing())
+    assert late.gains.velocity_1_s < 0.7 * FULL.velocity_1_s
+
+
+@pytest.mark.parametrize("late_s", [0.05, 0.10, 0.15])
+def test_late_positions_of_a_quick_loop_cost_no_gain_since_they_are_carried_on(late_s):
+    """By the newest tilt times the age, gains of 0.72 and 0.47 were left at 0.13 and 0.20 s."""
+    loop = AttitudeLoop(0.03, 0.08)
+    tuned = tune(loop, Timing(position_period_s=0.10, position_late_s=late_s))
+    assert tuned.share == 1.0
+    assert swings(tuned.gains, loop, tuned.age_s) < 0.05
 
 
 def test_no_other_pair_of_gains_with_the_margin_pushes_back_harder():

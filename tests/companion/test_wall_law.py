@@ -122,7 +122,6 @@ def held(target: Target) -> Hold:
         tilt_mean=(0.0, 0.0),
         climb_mean=0.0,
         climb_command=0.0,
-        since=None,
     )
 
 
