@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +53,7 @@ class HoldGains:
     tilt_lead_s: float = 0.19
     """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
 
-    @property
+    @cached_property
     def lag_s(self) -> float:
         """How late the attitude loop answers, as far as the reference waits for it: not with soft gains.
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from companion.adaptation import words
 from companion.control.reasons import REASON_OF_SIGHT, Notice, Reason
-from companion.mavlink.firmware import advice, mode_name, stack_of
+from companion.mavlink.firmware import advice, mode_name
 from companion.mavlink.outgoing import Message, named_value_float, statustext
 from companion.state.decision import Decision
 from companion.state.pipeline_state import PipelineState
@@ -111,7 +111,7 @@ class StatusReporter:
         if self._advised:
             hint = None
         else:
-            hint = advice(stack_of(state.heard.heartbeat), state.heard.parameters)
+            hint = advice(state.heard.stack, state.heard.parameters)
         if hint is not None:
             self._advised = True
             yield from self.tell(hint)
