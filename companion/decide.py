@@ -139,7 +139,7 @@ def decide(
 def _told(state: PipelineState, held: Held, t_s: float) -> PipelineState:
     """The state with a notice, where a target led nearer to the wall than the loop holds: not said again at once."""
     notice = state.notice
-    if held.asked_m == state.held.asked_m:
+    if held.target_wall_m == state.held.target_wall_m:
         return state
     if notice is not None and notice[0] is Notice.WALL_LEAST and t_s - notice[1] < _SAID_AGAIN_S:
         return state
@@ -222,16 +222,16 @@ def _base(
     if hold is None:
         hold = _engaged(state, motion, thrust, config, t_s)
     wall = see_wall(held.wall, seen, position, t_s)
-    asked_m = held.asked_m
+    target_wall_m = held.target_wall_m
     if wall is not None and tuned.least_wall_m > 0.0:
         # The target ends no nearer to the wall than these gains hold the pull.
         kept = kept_off(hold, wall, tuned.least_wall_m)
         if kept is not hold:
-            asked_m = sent_to_m(hold, wall)
+            target_wall_m = sent_to_m(hold, wall)
         hold = kept
     hold, base = fly(hold, tuned.gains, config.vehicle.limits, t_s, motion, thrust)
     held = with_changes(
-        held, hold=hold, wall=wall, asked_m=asked_m, wall_ahead=wall_ahead, left=None
+        held, hold=hold, wall=wall, target_wall_m=target_wall_m, wall_ahead=wall_ahead, left=None
     )
     return held, base
 

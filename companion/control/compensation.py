@@ -201,12 +201,10 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     thrust = _slew(thrust, wanted_thrust, most.thrust, rate.thrust * dt_s)
     roll = _slew(roll, wanted_roll, tilt, tilt_step)
     pitch = _slew(pitch, wanted_pitch, tilt, tilt_step)
-    asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
-    if asked > 0.0:
-        passed = min(_size(thrust, roll, pitch) / asked, 1.0)
-    else:
-        passed = 1.0
-    return Offset(thrust, roll, pitch, (north, east, down), share * passed)
+    wanted_size = _size(wanted_thrust, wanted_roll, wanted_pitch)
+    if wanted_size > 0.0:
+        share *= min(_size(thrust, roll, pitch) / wanted_size, 1.0)
+    return Offset(thrust, roll, pitch, (north, east, down), share)
 
 
 def _size(thrust: float, roll: float, pitch: float) -> float:

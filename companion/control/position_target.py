@@ -93,16 +93,16 @@ def read_target(
     """
     if sample.frame not in _FRAMES:
         return None
-    asked = sample.position
+    place = sample.position
     speed = sample.velocity
     along_nose = sample.frame in _ALONG_NOSE
     if along_nose:
-        asked = _by_heading(asked, yaw)
+        place = _by_heading(place, yaw)
         speed = _by_heading(speed, yaw)
     if sample.frame != _FRAMES[0]:
-        asked = plus(asked, position)
+        place = plus(place, position)
     north, east, down = (
-        _axis(sample.type_mask, k, asked[k], speed[k], old.position[k]) for k in range(3)
+        _axis(sample.type_mask, k, place[k], speed[k], old.position[k]) for k in range(3)
     )
     heading = old.yaw
     if not sample.type_mask & _IGNORE_YAW and math.isfinite(sample.yaw):
@@ -124,15 +124,15 @@ def _has_both(sample: SetPositionTarget) -> bool:
     return finite and not sample.type_mask & _IGNORE_EITHER
 
 
-def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple[float, float]:
+def _axis(mask: int, axis: int, place: float, speed: float, old: float) -> tuple[float, float]:
     """Position and velocity that a message asks for along one axis."""
     has_speed = not mask & _IGNORE_VELOCITY[axis] and math.isfinite(speed)
-    has_place = not mask & _IGNORE_POSITION[axis] and math.isfinite(asked)
+    has_place = not mask & _IGNORE_POSITION[axis] and math.isfinite(place)
     if has_speed:
         unmoved = math.nan
     else:
         unmoved = old
-    return asked if has_place else unmoved, speed if has_speed else 0.0
+    return place if has_place else unmoved, speed if has_speed else 0.0
 
 
 def _by_heading(vector: Vector3, yaw: float) -> Vector3:

@@ -173,8 +173,8 @@ def _noticed(notice: Notice, state: PipelineState, decision: Decision) -> str:
     """A notice in words, with its figures."""
     text: str = notice.value
     if notice is Notice.WALL_LEAST and decision.tuned is not None:
-        asked_m = max(state.held.asked_m, 0.0)
-        return text.format(held=decision.tuned.least_wall_m, asked=asked_m)
+        target_wall_m = max(state.held.target_wall_m, 0.0)
+        return text.format(least=decision.tuned.least_wall_m, target=target_wall_m)
     return text
 
 
