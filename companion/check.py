@@ -582,7 +582,7 @@ def _wall(heard: Listener, setup: CheckSetup) -> Iterator[Item]:
     state = heard.state
     loop = state.plant.loop
     if loop.source is not Source.MEASURED:
-        loop = declared_loop(stack_of(state.heard.heartbeat), state.heard.parameters)
+        loop = declared_loop(state.heard.stack, state.heard.parameters)
     tuned = tune(loop, state.plant.timing)
     heights = (math.inf, _LOW_RADII * setup.config.vehicle.rotor_radius_m)
     laws = [wall_law(setup.config, hovering(setup.config, height_m)) for height_m in heights]

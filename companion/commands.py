@@ -21,11 +21,7 @@ from companion.control.position_hold import (
 )
 from companion.control.reasons import Reason
 from companion.control.wall_guard import level_wall
-from companion.mavlink.firmware import (
-    ThrustMap,
-    stack_of,
-    thrust_map,
-)
+from companion.mavlink.firmware import ThrustMap, thrust_map
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.state.pipeline_state import PipelineState
 from models.common.frames import quaternion_from_euler
@@ -44,7 +40,7 @@ def thrust_map_of(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     hover = hover_thrust.best_hover(
         state.learned.hover, state.heard.parameters, config.vehicle.hover_thrust
     )
-    return thrust_map(stack_of(state.heard.heartbeat), state.heard.parameters, hover)
+    return thrust_map(state.heard.stack, state.heard.parameters, hover)
 
 
 def hand_over_place(state: PipelineState, hold: Hold) -> Vector3:

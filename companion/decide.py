@@ -9,7 +9,7 @@ from companion.adaptation.steady import mass_flow
 from companion.commands import command_held_back, command_of, hand_over_place, thrust_map_of
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import engagement, hover_thrust, landed
-from companion.control.compensation import Offset, Offsets, fade, slewed, wanted_offset
+from companion.control.compensation import Offset, next_offsets
 from companion.control.hand_over import (
     HAND_OVER_S,
     NOT_OURS,
@@ -30,7 +30,6 @@ from companion.control.position_target import Target
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
 from companion.control.wall_distance import kept_off, see_wall, sent_to_m
 from companion.control.wall_guard import watch_wall
-from companion.disturbance.records import Disturbance
 from companion.disturbance.wall_law import NEAR_RADII
 from companion.estimation import estimator as est
 from companion.estimation.height_drift import HeightDrift
@@ -39,7 +38,7 @@ from companion.mavlink.firmware import (
     ThrustMap,
     mode_name,
 )
-from companion.mavlink.samples import LocalPosition, Sample
+from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import Command
 from companion.refusals import refusals, upstream_silent
 from companion.settle import retuned
@@ -89,13 +88,15 @@ def decide(
 
     held, base = _base(state, bool(held_back), thrust, config, t_s)
     state = _told(state, held, t_s)
-    offsets = _offsets(
-        state=state,
-        base=base,
-        reasons=reasons,
+    offsets = next_offsets(
+        state.sending.offsets,
+        state.air.disturbance,
+        config,
+        thrust,
+        base_thrust=None if base is None else base.thrust,
+        rotation=state.estimates.rows,
+        refused=bool(reasons),
         held_back=bool(held_back),
-        thrust=thrust,
-        config=config,
         dt_s=dt,
     )
     if reasons and not held_back:
@@ -135,62 +136,10 @@ def decide(
     )
 
 
-def _offsets(
-    state: PipelineState,
-    base: BaseSetpoint | None,
-    reasons: tuple[Reason, ...],
-    held_back: bool,
-    thrust: ThrustMap,
-    config: PipelineConfig,
-    dt_s: float,
-) -> Offsets:
-    """The offset to apply, one step on."""
-    old = state.sending.offsets
-    disturbance = state.air.disturbance
-    rows = state.estimates.rows
-    usable = disturbance is not None and not reasons
-    wanted = old.wanted
-    washout = old.washout
-    if disturbance is not None and rows is not None and base is not None:
-        fresh, washout = wanted_offset(
-            disturbance=disturbance,
-            washout=washout,
-            config=config,
-            thrust=thrust,
-            base_thrust=base.thrust,
-            rotation=rows,
-            dt_s=dt_s,
-        )
-        if usable:
-            wanted = fresh  # otherwise the last good one stays while the authority fades
-    if usable:
-        trusted = 1.0
-    else:
-        trusted = 0.0
-    if held_back:
-        authority = 0.0
-    else:
-        authority = fade(old.authority, trusted, dt_s)
-    if authority > 0.0:
-        offset = slewed(old.offset, wanted, config, dt_s)
-    else:
-        offset = Offset()
-    # A fade adds to the slew of what fades: the sum is held to the slew rates too.
-    if authority == 1.0:
-        faded = offset
-    else:
-        faded = offset.scaled(authority)
-    if held_back:
-        applied = Offset()
-    else:
-        applied = slewed(old.applied, faded, config, dt_s)
-    return Offsets(authority, offset, wanted, applied, washout)
-
-
 def _told(state: PipelineState, held: Held, t_s: float) -> PipelineState:
     """The state with a notice, where a target led nearer to the wall than the loop holds: not said again at once."""
     notice = state.notice
-    if held.asked_m == state.held.asked_m:
+    if held.target_wall_m == state.held.target_wall_m:
         return state
     if notice is not None and notice[0] is Notice.WALL_LEAST and t_s - notice[1] < _SAID_AGAIN_S:
         return state
@@ -272,10 +221,19 @@ def _base(
     hold = held.hold
     if hold is None:
         hold = _engaged(state, motion, thrust, config, t_s)
-    held = _off_the_wall(with_changes(held, hold=hold), seen, position, tuned.least_wall_m, t_s)
-    assert held.hold is not None
-    hold, base = fly(held.hold, tuned.gains, config.vehicle.limits, t_s, motion, thrust)
-    return with_changes(held, hold=hold, wall_ahead=wall_ahead, left=None), base
+    wall = see_wall(held.wall, seen, position, t_s)
+    target_wall_m = held.target_wall_m
+    if wall is not None and tuned.least_wall_m > 0.0:
+        # The target ends no nearer to the wall than these gains hold the pull.
+        kept = kept_off(hold, wall, tuned.least_wall_m)
+        if kept is not hold:
+            target_wall_m = sent_to_m(hold, wall)
+        hold = kept
+    hold, base = fly(hold, tuned.gains, config.vehicle.limits, t_s, motion, thrust)
+    held = with_changes(
+        held, hold=hold, wall=wall, target_wall_m=target_wall_m, wall_ahead=wall_ahead, left=None
+    )
+    return held, base
 
 
 def _engaged(
@@ -303,25 +261,6 @@ def _engaged(
         drag_1_s=drag,
     )
     return _returned(hold, state.held.left, motion.position, t_s)
-
-
-def _off_the_wall(
-    held: Held,
-    seen: Disturbance | None,
-    position: LocalPosition,
-    least_m: float,
-    t_s: float,
-) -> Held:
-    """The hold with a target that ends no nearer to the wall than its gains hold the pull."""
-    wall = see_wall(held.wall, seen, position, t_s)
-    hold = held.hold
-    asked_m = held.asked_m
-    if hold is not None and wall is not None and least_m > 0.0:
-        kept = kept_off(hold, wall, least_m)
-        if kept is not hold:
-            asked_m = sent_to_m(hold, wall)
-        hold = kept
-    return with_changes(held, hold=hold, wall=wall, asked_m=asked_m)
 
 
 def _ended(

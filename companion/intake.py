@@ -25,11 +25,7 @@ from companion.estimation.estimates import blank_estimates
 from companion.estimation.felt_motion import feel
 from companion.estimation.wall_drift import corrected
 from companion.mavlink import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, samples
-from companion.mavlink.firmware import (
-    Stack,
-    stack_of,
-    takes_setpoints,
-)
+from companion.mavlink.firmware import Stack
 from companion.mavlink.samples import Heartbeat, Sample
 from companion.state.learned import Learned
 from companion.state.pipeline_state import PipelineState
@@ -297,9 +293,9 @@ def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> Pipeli
 def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position = state.estimates.position
-    heartbeat = state.heard.heartbeat
-    own = heartbeat is not None and (
-        stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat)
+    heard = state.heard
+    own = heard.heartbeat is not None and (
+        heard.stack is not Stack.PX4 or not heard.takes_setpoints
     )
     flying = (
         own

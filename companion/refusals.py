@@ -14,14 +14,9 @@ from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.estimation.height_drift import FADE_M_S
 from companion.estimation.rotors import ROTOR_AGE_S
-from companion.mavlink.firmware import (
-    Stack,
-    ThrustMeaning,
-    stack_of,
-    takes_setpoints,
-    thrust_meaning,
-)
-from companion.mavlink.samples import Heartbeat
+from companion.estimation.surfaces import STEP_S
+from companion.mavlink.firmware import Stack, ThrustMeaning
+from companion.state.heard import Heard
 from companion.state.pipeline_state import PipelineState
 from models.surrogate.empty import is_empty
 from models.vehicle.lift_ratio import IN_FLIGHT
@@ -60,7 +55,7 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
     if heartbeat is None or t_s - heartbeat.t_s > _HEARTBEAT_AGE_S:
         out.append(Reason.NO_HEARTBEAT)
     else:
-        _autopilot(out, state, heartbeat, config)
+        _autopilot(out, state.heard, heartbeat.armed, config)
     _arrivals(out, state, config, t_s)
     if not state.air.airborne.flies(t_s):
         out.append(Reason.LANDED)
@@ -114,21 +109,20 @@ def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) ->
     return state.requests.upstream is None or t_s - state.requests.upstream.t_s > _UPSTREAM_AGE_S
 
 
-def _autopilot(
-    out: list[Reason], state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig
-) -> None:
-    stack = stack_of(heartbeat)
+def _autopilot(out: list[Reason], heard: Heard, armed: bool, config: PipelineConfig) -> None:
+    """What firmware, mode and parameters do not allow."""
+    stack = heard.stack
     if stack is Stack.OTHER:
         out.append(Reason.STACK_UNKNOWN)
-    if not heartbeat.armed:
+    if not armed:
         out.append(Reason.NOT_ARMED)
-    if not takes_setpoints(heartbeat):
+    if not heard.takes_setpoints:
         out.append(Reason.WRONG_MODE)
     if config.carrier is Carrier.ACCELERATION:
         if stack is Stack.ARDUPILOT:
             out.append(Reason.CARRIER_REFUSED)
         return
-    meaning = thrust_meaning(heartbeat, state.heard.parameters)
+    meaning = heard.thrust_meaning
     if meaning is not ThrustMeaning.THRUST and stack is not Stack.OTHER:
         out.append(_ABOUT_THRUST[meaning])
 
@@ -175,15 +169,12 @@ def _firm_enough(tuned: HoldTuning, engaged: bool) -> bool:
 def _surfaces(out: list[Reason], disturbance: Disturbance, t_s: float) -> None:
     """Each refusal once, though several surfaces may have it."""
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
-        if not surface.known:
-            reason = REASON_OF_SIGHT[surface.seen]
-        elif surface.stepped(t_s):
+        reason = REASON_OF_SIGHT.get(surface.seen)
+        if reason is None and t_s - surface.stepped_s < STEP_S:
             reason = Reason.SURFACE_STEP
-        elif surface.jumped:
+        elif reason is None and surface.jumped:
             reason = Reason.RANGE_JUMPED
-        else:
-            continue
-        if reason not in out:
+        if reason is not None and reason not in out:
             out.append(reason)
     if disturbance.trust <= 0.0:
         out.append(Reason.OUT_OF_DOMAIN)

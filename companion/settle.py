@@ -13,16 +13,15 @@ from companion.control.plant import HoldTuning, Source, declared_loop, hear_atti
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.reasons import Notice
 from companion.control.wall_stability import beside_wall
-from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command
 from companion.state.decision import Decision
 from companion.state.learned import Learned
 from companion.state.pipeline_state import PipelineState
-from companion.state.plant import Plant
 from companion.surroundings import wall_law_now
 from models.common.frames import Rows
 from models.common.frozen_copy import with_changes
+from models.vehicle import Vector3
 
 _TUNE_PERIOD_S = 1.0
 """A plant does not change faster, and choosing gains takes milliseconds where it is new."""
@@ -42,28 +41,37 @@ def settle(
     if estimates.attitude is not sample:
         return state
     t_s = sample.t_s
-    learned = _learned(state, t_s, config)
-    response = state.plant.response
-    if config.base is Base.HOLD and not config.dry_run:
-        assert estimates.rows is not None
-        response = _heard_tilt(response, t_s, estimates.rows)
-    timing = hear_attitude(state.plant.timing, t_s)
-    plant = with_changes(state.plant, timing=timing, response=response)
-    if decision is None or config.base is not Base.HOLD:
-        return with_changes(state, learned=learned, plant=plant)
-    hold = state.held.hold
+    plant = state.plant
+    timing = hear_attitude(plant.timing, t_s)
+    response = plant.response
+    swing = plant.swing
+    tuned_s = plant.tuned_s
     sending = state.sending
     notice = state.notice
-    if hold is not None and decision.base is not None:  # it flies
+    hold = state.held.hold
+    holds = config.base is Base.HOLD
+    measures = holds and not config.dry_run
+    if measures:
+        assert estimates.rows is not None
+        response = _heard_tilt(response, t_s, estimates.rows)
+    if holds and hold is not None and decision is not None and decision.base is not None:
         last = _sent(decision.base, decision.command, sending.offsets.applied)
         sending = with_changes(sending, last=last)
-        if not config.dry_run:
-            plant = _answering(plant, last, decision.command)
-            level = plant.swing.level
-            plant = _watch_swing(plant, hold, decision.base, t_s)
-            if plant.swing.level != level:
-                notice = (Notice.SOFTENED, t_s)
-    state = with_changes(state, learned=learned, plant=plant, sending=sending, notice=notice)
+        if measures:
+            response = _answering(response, last, decision.command)
+            swing = swing_detector.watch(swing, t_s, _feedback(hold, decision.base))
+        if swing.level != plant.swing.level:  # softer gains at once
+            tuned_s = -math.inf
+            notice = (Notice.SOFTENED, t_s)
+    state = with_changes(
+        state,
+        learned=_learned(state, t_s, config),
+        plant=with_changes(plant, timing=timing, response=response, swing=swing, tuned_s=tuned_s),
+        sending=sending,
+        notice=notice,
+    )
+    if decision is None:
+        return state
     return retuned(state, config, t_s)
 
 
@@ -104,22 +112,20 @@ def _sent(base: BaseSetpoint, command: Command | None, applied: Offset) -> BaseS
     )
 
 
-def _answering(plant: Plant, sent: BaseSetpoint, command: Command | None) -> Plant:
+def _answering(
+    response: AttitudeResponse, sent: BaseSetpoint, command: Command | None
+) -> AttitudeResponse:
     """The tilt that the attitude is to answer to."""
     if not isinstance(command, AttitudeCommand):
-        return plant
-    response = attitude_response.sent(plant.response, command.t_s, sent.roll, sent.pitch)
-    return with_changes(plant, response=response)
+        return response
+    return attitude_response.sent(response, command.t_s, sent.roll, sent.pitch)
 
 
-def _watch_swing(plant: Plant, hold: Hold, base: BaseSetpoint, t_s: float) -> Plant:
-    """A hold that swings by itself gets softer gains at once."""
+def _feedback(hold: Hold, base: BaseSetpoint) -> Vector3:
+    """The acceleration [m/s^2, NED] that the hold asks for beyond its reference's own."""
     north, east, down = base.acceleration
-    x, y, z = hold.reference.acceleration
-    swing = swing_detector.watch(plant.swing, t_s, (north - x, east - y, down - z))
-    if swing.level == plant.swing.level:
-        return with_changes(plant, swing=swing)
-    return with_changes(plant, swing=swing, tuned_s=-math.inf)
+    forward_n, forward_e, forward_d = hold.reference.acceleration
+    return north - forward_n, east - forward_e, down - forward_d
 
 
 def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
@@ -134,7 +140,7 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
         if known.source is Source.MEASURED:
             loop = known
         else:
-            loop = declared_loop(stack_of(state.heard.heartbeat), state.heard.parameters)
+            loop = declared_loop(state.heard.stack, state.heard.parameters)
     elif known.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
         swing = with_changes(swing, level=0)

@@ -106,12 +106,12 @@ def flown(a: argparse.Namespace) -> tuple[Vehicle, Choice, Sequence[str]]:
 
     Without ``--vehicle`` it is drafted, as far as the log goes.
     """
-    asked = partial(of_logs, a.vehicle, a.model, [a.log], Given(), a.target_system)
+    vehicle_and_model = partial(of_logs, a.vehicle, a.model, [a.log], Given(), a.target_system)
     try:
-        vehicle, chosen, made = asked()
+        vehicle, chosen, made = vehicle_and_model()
     except LogError:
         # Too short or too slow to be judged is still enough to be replayed, with the outline of the vehicle.
-        vehicle, chosen, _ = asked(measured=False)
+        vehicle, chosen, _ = vehicle_and_model(measured=False)
         return vehicle, chosen, (_OUTLINED,)
     return vehicle, chosen, () if made is None else made.notes
 

@@ -14,7 +14,7 @@ from models.common.errors import LogError
 from models.common.pages.shown import ShownPage
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.diagnosis import diagnose as asked
+from replay.diagnosis import diagnose as diagnosis
 from replay.diagnosis.answer import Diagnosis
 from replay.diagnosis.html_report import page
 from replay.diagnosis.model_faults import model_faults
@@ -78,17 +78,11 @@ def diagnose(
     True
     """
     paths = log_paths(logs)
-    check_size("mass_kg", mass_kg, MOST_KG)
-    check_size("propeller_inch", propeller_inch, MOST_INCH)
-    check_size("span_m", span_m, MOST_SPAN_M)
+    given = _given(mass_kg, propeller_inch, span_m)
     notes: Sequence[str] = ()
     read = None
     if vehicle is None:
-        if propeller_inch is None:
-            diameter_m = None
-        else:
-            diameter_m = propeller_inch * INCH_M
-        drafted = draft(paths, Given(mass_kg, diameter_m, span_m), target_system)
+        drafted = draft(paths, given, target_system)
         vehicle = drafted.vehicle
         notes = drafted.notes
         read = drafted.read
@@ -98,8 +92,18 @@ def diagnose(
         model = choose(vehicle, None if model == DEFAULT else model).judged
     # Matrices here are small: a second thread of linear algebra would wait, and take a core to do so.
     with threadpool_limits(limits=1):
-        found = asked.diagnose(paths, vehicle, model, target_system=target_system, read=read)
+        found = diagnosis.diagnose(paths, vehicle, model, target_system=target_system, read=read)
     return NotebookDiagnosis(**vars(replace(found, notes=(*notes, *found.notes))))
+
+
+def _given(mass_kg: float | None, propeller_inch: float | None, span_m: float | None) -> Given:
+    """What is known of a vehicle, checked."""
+    check_size("mass_kg", mass_kg, MOST_KG)
+    check_size("propeller_inch", propeller_inch, MOST_INCH)
+    check_size("span_m", span_m, MOST_SPAN_M)
+    if propeller_inch is None:
+        return Given(mass_kg, None, span_m)
+    return Given(mass_kg, propeller_inch * INCH_M, span_m)
 
 
 def log_paths(logs: Path | str | Sequence[Path | str]) -> list[Path]:

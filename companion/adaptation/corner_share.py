@@ -63,11 +63,13 @@ class CornerShare:
         if over_ground == 0.0:
             return np.ones(6)
         before = float(low @ _BEFORE @ low)
-        pull, tilt = [
-            (in_the_open + over_ground * min(max(1.0 - float(low @ c @ low) / before, 0.0), 1.0))
-            / (in_the_open + over_ground)
-            for c in (self.pull, self.tilt)
-        ]
+
+        def share(covariance: Array) -> float:
+            known = min(max(1.0 - float(low @ covariance @ low) / before, 0.0), 1.0)
+            return (in_the_open + over_ground * known) / (in_the_open + over_ground)
+
+        pull = share(self.pull)
+        tilt = share(self.tilt)
         return np.array((pull, pull, 1.0, tilt, tilt, pull))
 
     def moved(self, to: CornerShare, share: float) -> CornerShare:
@@ -77,6 +79,5 @@ class CornerShare:
         )
 
 
-NOT_MEASURED = CornerShare(_BEFORE, _BEFORE)
 EVERYWHERE = CornerShare(np.zeros((LOW, LOW)), np.zeros((LOW, LOW)))
 """Of a law that knows the corner."""

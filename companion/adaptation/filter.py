@@ -61,7 +61,7 @@ def _limits(table: tuple[Size, ...]) -> Limits:
     )
 
 
-def later(table: tuple[Size, ...], sizes: Sizes, seconds: float) -> Sizes:
+def predict(table: tuple[Size, ...], sizes: Sizes, seconds: float) -> Sizes:
     """The same after some time: less sure, but never less than before any flight."""
     here = _limits(table)
     covariance = sizes.covariance.copy()
@@ -106,7 +106,7 @@ def in_a_row(before: int, side: int) -> int:
     return side
 
 
-def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) -> Sizes:
+def inflate(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) -> Sizes:
     """The same, less sure of what may have jumped on axes that have been surprised for several blocks."""
     axes = [k for k, count in enumerate(surprised) if abs(count) >= SURPRISED_BLOCKS]
     if not axes:

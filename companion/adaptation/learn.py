@@ -14,7 +14,7 @@ from companion.adaptation.block import AXES, BLOCK_S
 from companion.adaptation.block_noise import scatter
 from companion.adaptation.channel import place_of
 from companion.adaptation.channel import rows as state_rows
-from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
+from companion.adaptation.filter import Flags, excites, inflate, predict, surprises, update
 from companion.adaptation.near_map import GAPS, HEIGHTS
 from companion.adaptation.sizes import (
     EAST,
@@ -84,7 +84,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
             near=near,
             config=config,
         )
-        sizes = opened(table, later(table, sizes, seconds), surprised)
+        sizes = inflate(table, predict(table, sizes, seconds), surprised)
         sizes = _measured(table, sizes, seen, variance, moves)
         known = _believed(known, sizes, judged, block.end_s)
     applied = known.applied

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from companion.config import PipelineConfig
 from companion.disturbance.records import Disturbance
-from companion.estimation.vectors import clipped, lagged, scaled
+from companion.estimation.vectors import clipped, lagged
 from companion.mavlink.firmware import ThrustMap
 from models.common.frames import GRAVITY, Rows
 from models.vehicle import Vehicle
@@ -39,13 +39,13 @@ class Offset(NamedTuple):
 
     def scaled(self, share: float) -> Offset:
         """The same offset, ``share`` of it."""
-        thrust, roll, pitch, acceleration, of_disturbance = self
+        north, east, down = self.acceleration
         return Offset(
-            thrust * share,
-            roll * share,
-            pitch * share,
-            scaled(acceleration, share),
-            of_disturbance * share,
+            self.thrust * share,
+            self.roll * share,
+            self.pitch * share,
+            (north * share, east * share, down * share),
+            self.share * share,
         )
 
 
@@ -64,6 +64,50 @@ class Offsets(NamedTuple):
     applied: Offset = Offset()
     """What went out last: with trust and fade, again within the slew rates."""
     washout: MomentWashout | None = None
+
+
+def next_offsets(
+    old: Offsets,
+    disturbance: Disturbance | None,
+    config: PipelineConfig,
+    thrust: ThrustMap,
+    *,
+    base_thrust: float | None,
+    rotation: Rows | None,
+    refused: bool,
+    held_back: bool,
+    dt_s: float,
+) -> Offsets:
+    """The offset one step on: it fades while something refuses it, and is gone where nothing may be sent."""
+    usable = disturbance is not None and not refused
+    wanted = old.wanted
+    washout = old.washout
+    if disturbance is not None and rotation is not None and base_thrust is not None:
+        fresh, washout = wanted_offset(
+            disturbance=disturbance,
+            washout=washout,
+            config=config,
+            thrust=thrust,
+            base_thrust=base_thrust,
+            rotation=rotation,
+            dt_s=dt_s,
+        )
+        if usable:
+            wanted = fresh  # otherwise the last good one stays while the authority fades
+    if held_back:
+        return Offsets(wanted=wanted, washout=washout)
+    authority = _fade(old.authority, 1.0 if usable else 0.0, dt_s)
+    if authority > 0.0:
+        offset = slewed(old.offset, wanted, config, dt_s)
+    else:
+        offset = Offset()
+    # A fade adds to the slew of what fades: the sum is held to the slew rates too.
+    if authority == 1.0:
+        faded = offset
+    else:
+        faded = offset.scaled(authority)
+    applied = slewed(old.applied, faded, config, dt_s)
+    return Offsets(authority, offset, wanted, applied, washout)
 
 
 def wanted_offset(
@@ -102,7 +146,7 @@ def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float
     lift_share = max(1.0 + thrust.slope * (base_thrust - thrust.hover), 0.0)
     if ratio * full <= lift_share:
         return max(1.0 - base_thrust, 0.0)
-    return thrust.change(lift_share * (1.0 / ratio - 1.0))
+    return lift_share * (1.0 / ratio - 1.0) / thrust.slope
 
 
 def _moment_bias(
@@ -117,7 +161,7 @@ def _moment_bias(
     return roll, pitch, (low_x, low_y)
 
 
-def fade(authority: float, wanted: float, dt_s: float) -> float:
+def _fade(authority: float, wanted: float, dt_s: float) -> float:
     """Move the authority 0...1 towards ``wanted`` at most as fast as the fades allow."""
     if wanted > authority:
         return min(wanted, authority + dt_s / _FADE_IN_S)
@@ -157,12 +201,10 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     thrust = _slew(thrust, wanted_thrust, most.thrust, rate.thrust * dt_s)
     roll = _slew(roll, wanted_roll, tilt, tilt_step)
     pitch = _slew(pitch, wanted_pitch, tilt, tilt_step)
-    asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
-    if asked > 0.0:
-        passed = min(_size(thrust, roll, pitch) / asked, 1.0)
-    else:
-        passed = 1.0
-    return Offset(thrust, roll, pitch, (north, east, down), share * passed)
+    wanted_size = _size(wanted_thrust, wanted_roll, wanted_pitch)
+    if wanted_size > 0.0:
+        share *= min(_size(thrust, roll, pitch) / wanted_size, 1.0)
+    return Offset(thrust, roll, pitch, (north, east, down), share)
 
 
 def _size(thrust: float, roll: float, pitch: float) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.control.dead_reckoning import KEPT_S, Reckoning, accelerated, gained_since
+from companion.control.dead_reckoning import KEPT_S, Gained, Reckoning, accelerated, gained_since
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import (
     Course,
@@ -22,7 +22,7 @@ from companion.control.position_target import (
     stay,
 )
 from companion.control.wall_guard import WallAhead
-from companion.estimation.vectors import clipped, lagged, minus, plus, scaled, within
+from companion.estimation.vectors import Level, bounded, clipped, lagged, minus, plus, within
 from companion.mavlink.firmware import ThrustMap
 from models.common.frames import GRAVITY
 from models.common.frozen_copy import with_changes
@@ -119,7 +119,7 @@ def engage(
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
     drag_n = drag_1_s * motion.velocity[0]
     drag_e = drag_1_s * motion.velocity[1]
-    integral = _integral(balance[0] - drag_n, balance[1] - drag_e, -up)
+    integral = bounded((balance[0] - drag_n, balance[1] - drag_e, -up), _MOST_INTEGRAL_M_S2)
     mean_n = integral[0] + drag_n
     mean_e = integral[1] + drag_e
     rest_n = clipped(tilt_n - mean_n, _MOST_LEVEL_M_S2)
@@ -139,12 +139,6 @@ def engage(
     )
 
 
-def _integral(north: float, east: float, down: float) -> Vector3:
-    """An integral [m/s^2] within its bounds."""
-    most = _MOST_INTEGRAL_M_S2
-    return clipped(north, most), clipped(east, most), clipped(down, most)
-
-
 def settled_target(hold: Hold) -> Target:
     """The place that the hold goes to, at rest there."""
     old = hold.target
@@ -158,7 +152,7 @@ def settled_target(hold: Hold) -> Target:
 
 def balanced(hold: Hold, acceleration: Vector3) -> Hold:
     """The hold after it took over what another part of the setpoint balanced: NED m/s^2, into its integral."""
-    integral = _integral(*plus(hold.integral, acceleration))
+    integral = bounded(plus(hold.integral, acceleration), _MOST_INTEGRAL_M_S2)
     north, east, down = minus(integral, hold.integral)
     return hold._replace(
         integral=integral,
@@ -182,71 +176,105 @@ def fly(
 ) -> tuple[Hold, BaseSetpoint]:
     """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
+    lag_s = gains.lag_s
     if t_s - hold.t_s > _GAP_S:
-        reference = start_reference(motion.position, motion.velocity, _AT_REST, gains.lag_s)
+        reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
         hold = hold._replace(target=settled_target(hold), reference=reference, reckoning=())
         dt = 0.0
-    reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
-    course = expected(reference, gains.lag_s)
-    drag = hold.drag_1_s
-    forward_n, forward_e, forward_d = reference.acceleration
-    ahead_n, ahead_e, _ = reference.shaped_velocity
-    forward = (forward_n + drag * ahead_n, forward_e + drag * ahead_e, forward_d)
-    vn, ve, _ = course.velocity
-    share = min(dt / TILT_MEAN_S, 1.0)
-    # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
-    tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    tilt_n = tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn
-    tilt_e = tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve
-    climb = hold.climb_command - forward_d
-    mean_n, mean_e = lagged(hold.tilt_mean, (tilt_n, tilt_e), share)
-    mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
-    extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    reckoning = accelerated(hold.reckoning, t_s, dt, plus(extra, course.acceleration))
-    # Position and velocity now, from the late ones and what has accelerated the vehicle since.
+    reference = advance(hold.reference, hold.target, limits, t_s, dt, lag_s)
+    course = expected(reference, lag_s)
+    tilt_mean, climb_mean, extra = _residual_acceleration(
+        hold, motion, course, reference.acceleration[2], dt
+    )
+    fed = course.acceleration
+    moving = (extra[0] + fed[0], extra[1] + fed[1], extra[2] + fed[2])
+    reckoning = accelerated(hold.reckoning, t_s, dt, moving)
     gained = gained_since(reckoning, t_s - motion.age_s)
-    straight = scaled(motion.velocity, min(motion.age_s, KEPT_S))
-    position = plus(plus(motion.position, straight), gained.place)
-    slip = _slip(course, position, plus(motion.velocity, gained.velocity), extra, gains, limits)
-    old = integral = hold.integral
-    answer = (slip[0] * gains.velocity_1_s, slip[1] * gains.velocity_1_s, slip[2] * gains.climb_1_s)
-    acceleration, saturated = _limited(plus(plus(answer, old), forward), motion.wall)
+    slip = _slip(course, motion, gained, extra, gains, limits)
+    demand = _demand(slip, hold, reference, gains)
+    acceleration, saturated = _limited(demand, motion.wall)
+    drag = hold.drag_1_s
+    integral = hold.integral
     if not saturated:
-        rate = gains.integral_1_s2 * dt
-        along = _along_the_way(motion, reference, slip, (vn, ve))
-        drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
-        integral = _integral(
-            old[0] + (slip[0] - along * vn) * rate,
-            old[1] + (slip[1] - along * ve) * rate,
-            old[2] + slip[2] * gains.climb_integral_1_s2 * dt,
-        )
+        along = _along_the_way(motion, reference, course.velocity, slip)
+        drag, integral = _taught(hold, course.velocity, slip, along, gains, dt)
     elif motion.balance is not None:
         # At a limit the error would wind the integral up; what the tilt is seen to balance does not.
-        integral = _balanced(old, motion.balance, motion.offset, min(dt / _BALANCE_S, 1.0))
+        share = min(dt / _BALANCE_S, 1.0)
+        integral = _balanced(integral, motion.balance, motion.offset, share)
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
-    command = thrust.hover + thrust.change(-down / GRAVITY)
+    command = thrust.hover - down / GRAVITY / thrust.slope
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
     return Hold(
         target=hold.target,
         reference=reference,
         integral=integral,
         t_s=t_s,
-        tilt_mean=(mean_n, mean_e),
-        climb_mean=mean_d,
+        tilt_mean=tilt_mean,
+        climb_mean=climb_mean,
         climb_command=down,
         reckoning=reckoning,
         drag_1_s=drag,
     ), setpoint
 
 
-def _along_the_way(
-    motion: Motion, reference: Reference, slip: Vector3, velocity: tuple[float, float]
-) -> float:
+def _residual_acceleration(
+    hold: Hold, motion: Motion, course: Course, forward_d: float, dt: float
+) -> tuple[Level, float, Vector3]:
+    """Tilt and climb that are not fed forward: on average, and what goes beyond the average and changes the velocity.
+
+    ``forward_d`` is the vertical acceleration that is fed forward [m/s^2, NED].
+    """
+    drag = hold.drag_1_s
+    tilt_n, tilt_e = tilt_acceleration(motion.body_down)
+    tilt_n = tilt_n - motion.offset[0] - course.acceleration[0] - drag * course.velocity[0]
+    tilt_e = tilt_e - motion.offset[1] - course.acceleration[1] - drag * course.velocity[1]
+    climb = hold.climb_command - forward_d
+    share = min(dt / TILT_MEAN_S, 1.0)
+    mean_n, mean_e = lagged(hold.tilt_mean, (tilt_n, tilt_e), share)
+    mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
+    return (mean_n, mean_e), mean_d, (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
+
+
+def _demand(slip: Vector3, hold: Hold, reference: Reference, gains: HoldGains) -> Vector3:
+    """The acceleration [m/s^2] that answers the slip, with the integral and what is fed forward."""
+    drag = hold.drag_1_s
+    integral_n, integral_e, integral_d = hold.integral
+    forward_n, forward_e, forward_d = reference.acceleration
+    ahead_n, ahead_e, _ = reference.shaped_velocity
+    damping = gains.velocity_1_s
+    return (
+        slip[0] * damping + integral_n + (forward_n + drag * ahead_n),
+        slip[1] * damping + integral_e + (forward_e + drag * ahead_e),
+        slip[2] * gains.climb_1_s + integral_d + forward_d,
+    )
+
+
+def _taught(
+    hold: Hold, velocity: Vector3, slip: Vector3, along: float, gains: HoldGains, dt: float
+) -> tuple[float, Vector3]:
+    """Drag [1/s] and integral [m/s^2] with the slip taken in.
+
+    ``along``: what drag lacks [1/s]. The rest of the slip is integrated.
+    """
+    north, east, down = hold.integral
+    vn, ve, _ = velocity
+    rate = gains.integral_1_s2 * dt
+    drag = min(max(hold.drag_1_s + along * rate, 0.0), _MOST_DRAG_1_S)
+    integral = (
+        north + (slip[0] - along * vn) * rate,
+        east + (slip[1] - along * ve) * rate,
+        down + slip[2] * gains.climb_integral_1_s2 * dt,
+    )
+    return drag, bounded(integral, _MOST_INTEGRAL_M_S2)
+
+
+def _along_the_way(motion: Motion, reference: Reference, velocity: Vector3, slip: Vector3) -> float:
     """What drag lacks [1/s]: the slip along the way over the speed; 0 where the speed changes or a surface is near."""
     if not motion.clear or math.hypot(*reference.acceleration[:2]) >= _STEADY_M_S2:
         return 0.0
-    vn, ve = velocity
+    vn, ve, _ = velocity
     return (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
 
 
@@ -256,26 +284,37 @@ def _balanced(
     """The integral, a share of the way to what the tilt balances without the offset."""
     north = old[0] + (balance[0] - offset[0] - old[0]) * share
     east = old[1] + (balance[1] - offset[1] - old[1]) * share
-    return _integral(north, east, old[2])
+    return bounded((north, east, old[2]), _MOST_INTEGRAL_M_S2)
 
 
 def _slip(
-    course: Course,
-    position: Vector3,
-    velocity: Vector3,
-    extra: Vector3,
-    gains: HoldGains,
-    limits: Limits,
+    course: Course, motion: Motion, gained: Gained, extra: Vector3, gains: HoldGains, limits: Limits
 ) -> Vector3:
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
-    north, east, down = minus(course.position, position)
-    closing = (north * gains.position_1_s, east * gains.position_1_s, down * gains.height_1_s)
-    missing = minus(
-        plus(within(closing, limits.speed_m_s, limits.climb_m_s), course.velocity), velocity
+    # Position and velocity now, from the late ones and what has accelerated the vehicle since.
+    age_s = min(motion.age_s, KEPT_S)
+    x, y, z = motion.position
+    vn, ve, vd = motion.velocity
+    x = x + vn * age_s + gained.place[0]
+    y = y + ve * age_s + gained.place[1]
+    z = z + vd * age_s + gained.place[2]
+    vn = vn + gained.velocity[0]
+    ve = ve + gained.velocity[1]
+    vd = vd + gained.velocity[2]
+    closing = (
+        (course.position[0] - x) * gains.position_1_s,
+        (course.position[1] - y) * gains.position_1_s,
+        (course.position[2] - z) * gains.height_1_s,
     )
+    closing_n, closing_e, closing_d = within(closing, limits.speed_m_s, limits.climb_m_s)
+    ahead_n, ahead_e, ahead_d = course.velocity
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
-    lead = gains.tilt_lead_s
-    return minus(missing, (extra[0] * lead, extra[1] * lead, extra[2] * CLIMB_LEAD_S))
+    lead_s = gains.tilt_lead_s
+    return (
+        closing_n + ahead_n - vn - extra[0] * lead_s,
+        closing_e + ahead_e - ve - extra[1] * lead_s,
+        closing_d + ahead_d - vd - extra[2] * CLIMB_LEAD_S,
+    )
 
 
 def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:

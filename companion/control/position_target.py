@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.estimation.vectors import Level, clipped, lagged, minus, plus, scaled, within
+from companion.estimation.vectors import Level, minus, plus, scaled, within
 from companion.mavlink.samples import SetPositionTarget
 from models.vehicle import Limits, Vector3
 
@@ -93,16 +93,16 @@ def read_target(
     """
     if sample.frame not in _FRAMES:
         return None
-    asked = sample.position
+    place = sample.position
     speed = sample.velocity
     along_nose = sample.frame in _ALONG_NOSE
     if along_nose:
-        asked = _by_heading(asked, yaw)
+        place = _by_heading(place, yaw)
         speed = _by_heading(speed, yaw)
     if sample.frame != _FRAMES[0]:
-        asked = plus(asked, position)
+        place = plus(place, position)
     north, east, down = (
-        _axis(sample.type_mask, k, asked[k], speed[k], old.position[k]) for k in range(3)
+        _axis(sample.type_mask, k, place[k], speed[k], old.position[k]) for k in range(3)
     )
     heading = old.yaw
     if not sample.type_mask & _IGNORE_YAW and math.isfinite(sample.yaw):
@@ -124,15 +124,15 @@ def _has_both(sample: SetPositionTarget) -> bool:
     return finite and not sample.type_mask & _IGNORE_EITHER
 
 
-def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple[float, float]:
+def _axis(mask: int, axis: int, place: float, speed: float, old: float) -> tuple[float, float]:
     """Position and velocity that a message asks for along one axis."""
     has_speed = not mask & _IGNORE_VELOCITY[axis] and math.isfinite(speed)
-    has_place = not mask & _IGNORE_POSITION[axis] and math.isfinite(asked)
+    has_place = not mask & _IGNORE_POSITION[axis] and math.isfinite(place)
     if has_speed:
         unmoved = math.nan
     else:
         unmoved = old
-    return asked if has_place else unmoved, speed if has_speed else 0.0
+    return place if has_place else unmoved, speed if has_speed else 0.0
 
 
 def _by_heading(vector: Vector3, yaw: float) -> Vector3:
@@ -204,37 +204,26 @@ def advance(
     A velocity counts for half a second after its message where it goes with a position, ``Target.lasts_s`` where it
     stands alone.
     """
-    age = max(t_s - target.set_s, 0.0)
-    alone = age <= target.lasts_s
-    beside = age <= _TARGET_AGE_S
-    speed = within(target.velocity, limits.speed_m_s, limits.climb_m_s)
-    # NaN differs from itself: an axis that only a velocity moves.
+    age_s = max(t_s - target.set_s, 0.0)
+    north, east, down = within(target.velocity, limits.speed_m_s, limits.climb_m_s)
     x, y, z = target.position
-    free_n = math.isnan(x)
-    free_e = math.isnan(y)
-    free_d = math.isnan(z)
-    if alone if free_n else beside:
-        north = speed[0]
-    else:
-        north = 0.0
-    if alone if free_e else beside:
-        east = speed[1]
-    else:
-        east = 0.0
-    if alone if free_d else beside:
-        down = speed[2]
-    else:
-        down = 0.0
-    # Between two messages a moving target moves on at its own velocity.
+    free = math.isnan(x) or math.isnan(y) or math.isnan(z)
+    x, north = _target_now(x, north, age_s, target.lasts_s)
+    y, east = _target_now(y, east, age_s, target.lasts_s)
+    z, down = _target_now(z, down, age_s, target.lasts_s)
+    place = (x, y, z)
     speed = (north, east, down)
-    place = plus(target.position, scaled(speed, age if beside else _TARGET_AGE_S))
     to_go = _way(reference.position, place)
-    if not (free_n or free_e or free_d) and _follows(reference, to_go, speed, lag_s):
+    if not free and _follows(reference, to_go, speed, lag_s):
         return _followed(reference, place, speed, dt_s)
     if reference.following:
         reference = start_reference(*expected(reference, lag_s), lag_s)
         to_go = _way(reference.position, place)
-    speed = (north if free_n else 0.0, east if free_e else 0.0, down if free_d else 0.0)
+    speed = (
+        north if math.isnan(x) else 0.0,
+        east if math.isnan(y) else 0.0,
+        down if math.isnan(z) else 0.0,
+    )
     if target.has_both:
         approach = _BRISK
     else:
@@ -242,9 +231,20 @@ def advance(
     return _approached(reference, to_go, speed, limits, dt_s, lag_s, approach=approach)
 
 
+def _target_now(place: float, speed: float, age_s: float, lasts_s: float) -> tuple[float, float]:
+    """Place and velocity along one axis ``age_s`` after the message: a moving target moves on at its own velocity."""
+    if math.isnan(place):
+        return place, speed if age_s <= lasts_s else 0.0
+    if age_s > _TARGET_AGE_S:
+        return place, 0.0
+    return place + speed * age_s, speed
+
+
 def _way(start: Vector3, end: Vector3) -> Vector3:
     """From ``start`` to ``end``; 0 in an axis without a place."""
-    north, east, down = minus(end, start)
+    north = end[0] - start[0]
+    east = end[1] - start[1]
+    down = end[2] - start[2]
     return (
         0.0 if math.isnan(north) else north,
         0.0 if math.isnan(east) else east,
@@ -254,35 +254,37 @@ def _way(start: Vector3, end: Vector3) -> Vector3:
 
 def _follows(reference: Reference, to_go: Vector3, speed: Vector3, lag_s: float) -> bool:
     """Whether the target moves as the vehicle can."""
-    slip = _largest(minus(speed, reference.velocity))
-    moving = _largest(speed) > 0.0
-    if not reference.following:
-        if slip >= _CAUGHT_UP_M_S or _largest(to_go) >= (_CAUGHT_UP_M if moving else _STILL_M):
-            return False
-        return (
-            _largest(minus(reference.position, expected(reference, lag_s).position)) < _CAUGHT_UP_M
-        )
-    return slip <= _FOLLOW_M_S and _largest(to_go) <= (_FOLLOW_M if moving else _STILL_M)
+    slip = _apart(speed, reference.velocity)
+    left = _apart(to_go, _AT_REST)
+    moving = speed != _AT_REST
+    if reference.following:
+        return slip <= _FOLLOW_M_S and left <= (_FOLLOW_M if moving else _STILL_M)
+    if slip >= _CAUGHT_UP_M_S or left >= (_CAUGHT_UP_M if moving else _STILL_M):
+        return False
+    return _apart(reference.position, expected(reference, lag_s).position) < _CAUGHT_UP_M
 
 
-def _largest(vector: Vector3) -> float:
-    return max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
+def _apart(a: Vector3, b: Vector3) -> float:
+    """How far two vectors differ, in the axis where they differ most."""
+    return max(abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2]))
 
 
 def _followed(reference: Reference, place: Vector3, speed: Vector3, dt_s: float) -> Reference:
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
-    shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, _SHAPE_S
-    change_n, change_e, change_d = minus(speed, shaped)
-    north = change_n / shape_n
-    east = change_e / shape_e
-    down = change_d / shape_d
-    passed = (north * min(dt_s, shape_n), east * min(dt_s, shape_e), down * min(dt_s, shape_d))
+    shape_n, shape_e, shape_d = _SHAPE_S
+    shaped_n, shaped_e, shaped_d = reference.shaped_velocity
+    north = (speed[0] - shaped_n) / shape_n
+    east = (speed[1] - shaped_e) / shape_e
+    down = (speed[2] - shaped_d) / shape_d
+    shaped_n += north * min(dt_s, shape_n)
+    shaped_e += east * min(dt_s, shape_e)
+    shaped_d += down * min(dt_s, shape_d)
     return Reference(
-        place,
-        speed,
-        (north, east, down),
-        plus(shaped, passed),
-        ((north, east),) * 3,
+        position=place,
+        velocity=speed,
+        acceleration=(north, east, down),
+        shaped_velocity=(shaped_n, shaped_e, shaped_d),
+        answered=((north, east),) * 3,
         following=True,
     )
 
@@ -313,28 +315,57 @@ def _approached(
         east = east + to_go[1] * share
     down += math.copysign(_stoppable(abs(to_go[2]), closing, brake), to_go[2])
     wanted = within((north, east, down), limits.speed_m_s, limits.climb_m_s)
-    slip_n, slip_e, slip_d = minus(wanted, reference.velocity)
+    vn, ve, vd = reference.velocity
     rate = 4.0 * closing
     demand = (
-        _towards(slip_n, rate, jerk),
-        _towards(slip_e, rate, jerk),
-        _towards(slip_d, rate, jerk),
+        _towards(wanted[0] - vn, rate, jerk),
+        _towards(wanted[1] - ve, rate, jerk),
+        _towards(wanted[2] - vd, rate, jerk),
     )
-    more_n, more_e, more_d = minus(within(demand, most, most), reference.acceleration)
+    demand = within(demand, most, most)
     step = jerk * dt_s
-    change = (clipped(more_n, step), clipped(more_e, step), clipped(more_d, step))
-    acceleration = plus(reference.acceleration, change)
-    velocity = plus(reference.velocity, scaled(acceleration, dt_s))
-    position = plus(reference.position, scaled(velocity, dt_s))
+    north, east, down = reference.acceleration
+    north = _ramped(north, demand[0], step)
+    east = _ramped(east, demand[1], step)
+    down = _ramped(down, demand[2], step)
+    velocity = (vn + north * dt_s, ve + east * dt_s, vd + down * dt_s)
+    vn, ve, vd = velocity
+    x, y, z = reference.position
+    return Reference(
+        position=(x + vn * dt_s, y + ve * dt_s, z + vd * dt_s),
+        velocity=velocity,
+        acceleration=(north, east, down),
+        shaped_velocity=velocity,
+        answered=_answered(reference.answered, (north, east), dt_s, lag_s),
+    )
+
+
+def _ramped(old: float, demand: float, step: float) -> float:
+    """The old value, at most a ``step`` nearer to the one demanded."""
+    change = demand - old
+    if change > step:
+        return old + step
+    if change < -step:
+        return old - step
+    return old + change
+
+
+def _answered(
+    lags: tuple[Level, Level, Level], acceleration: Level, dt_s: float, lag_s: float
+) -> tuple[Level, Level, Level]:
+    """The acceleration behind each of three first-order lags of ``lag_s`` / 3, ``dt_s`` later."""
     if dt_s > 0.0:
         share = dt_s / (lag_s / 3.0 + dt_s)
     else:
         share = 0.0
-    first, second, third = reference.answered
-    first = lagged(first, (acceleration[0], acceleration[1]), share)
-    second = lagged(second, first, share)
-    third = lagged(third, second, share)
-    return Reference(position, velocity, acceleration, velocity, (first, second, third))
+    north, east = acceleration
+    behind = []
+    for late_n, late_e in lags:
+        north = late_n + share * (north - late_n)
+        east = late_e + share * (east - late_e)
+        behind.append((north, east))
+    first, second, third = behind
+    return first, second, third
 
 
 def way_to_stop(velocity: Vector3) -> Vector3:

@@ -117,7 +117,6 @@ class Notice(Enum):
     )
     POSITION_DRIFTS = "position drifts against the wall range: held off the wall by its range"
     WALL_RANGE_DRIFTS = "wall range drifts against position and accelerometer: held by the position"
-    WALL_LEAST = "this attitude loop can hold {held:.2f} m from a wall, not {asked:.2f}"
+    WALL_LEAST = "this attitude loop can hold {least:.2f} m from a wall, not {target:.2f}"
     SOFTENED = "swinging: gains softened, offsets off for now"
-    WALL_TOO_NEAR = "this attitude loop does not hold against the pull of a wall so near: back off"
     SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"

@@ -10,7 +10,6 @@ from companion.control.position_target import way_to_stop
 from companion.control.wall_guard import level_wall
 from companion.disturbance.records import Disturbance
 from companion.estimation.surfaces import Seen
-from companion.estimation.vectors import plus, scaled
 from companion.mavlink.samples import LocalPosition
 from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3
@@ -50,8 +49,10 @@ def see_wall(
             return None
         return before
     north, east = towards
-    place = plus(position.position_ned, scaled(position.velocity_ned, t_s - position.t_s))
-    reach = min(disturbance.d_m) + north * place[0] + east * place[1]
+    age_s = t_s - position.t_s
+    here_n = position.position_ned[0] + position.velocity_ned[0] * age_s
+    here_e = position.position_ned[1] + position.velocity_ned[1] * age_s
+    reach = min(disturbance.d_m) + north * here_n + east * here_e
     return WallPlane(north, east, reach, t_s)
 
 

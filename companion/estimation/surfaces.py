@@ -15,7 +15,8 @@ from models.vehicle import Vector3
 RANGE_AGE_S = 0.22
 """An older range is stale. With the fade and one setpoint, offsets are zero 0.5 s after the last reading; 10 Hz is
 enough."""
-_STEP_S = 1.5
+STEP_S = 1.5
+"""For so long after ground or wall jumped, offsets stay away and nothing is learned."""
 _CLEAR_AFTER_S = 0.5
 """A near surface has gone after readings without an echo for so long: a single lost echo at 10 Hz is no clear sight."""
 
@@ -44,6 +45,7 @@ class Surface(NamedTuple):
     sigma_m: float = 0.0
     normal_ned: Vector3 | None = None
     stepped_s: float = -math.inf
+    """When it last jumped."""
     slant_m: float = math.nan
     """What the sensor itself last read."""
     plane_m: float = math.nan
@@ -57,10 +59,6 @@ class Surface(NamedTuple):
     def known(self) -> bool:
         """False where the direction should be watched and is not."""
         return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
-
-    def stepped(self, t_s: float) -> bool:
-        """Whether ground or wall jumped a moment ago: offsets stay away for so long."""
-        return t_s - self.stepped_s < _STEP_S
 
 
 def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> Surface:

@@ -53,6 +53,11 @@ def within(vector: Vector3, level: float, vertical: float) -> Vector3:
     return north, east, -vertical if down < -vertical else vertical if down > vertical else down
 
 
+def bounded(vector: Vector3, most: float) -> Vector3:
+    """Each part within +-``most``."""
+    return clipped(vector[0], most), clipped(vector[1], most), clipped(vector[2], most)
+
+
 def clipped(value: float, most: float) -> float:
     """``value`` within +-``most``; a NaN stays one."""
     # Comparisons rather than min and max, which take ten times as long: it runs dozens of times for every setpoint.

@@ -12,7 +12,7 @@ from companion.flight.outbox import Outbox
 from companion.flight.timers import Timers
 from companion.last_word import PERIOD_S, SILENT, LastWord, Word
 from companion.mavlink import AUTOPILOT_COMPONENT
-from companion.mavlink.firmware import Stack, mode_name, stack_of, takes_setpoints
+from companion.mavlink.firmware import Stack, mode_name, takes_setpoints
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
@@ -56,7 +56,7 @@ def place_to_stay(state: PipelineState, config: PipelineConfig) -> PositionComma
 
 def hand_over_lasts_s(state: PipelineState) -> float:
     """How long the autopilot is sent the place to stay at."""
-    px4 = stack_of(state.heard.heartbeat) is Stack.PX4
+    px4 = state.heard.stack is Stack.PX4
     if px4 and level_wall(state.air.disturbance) is not None:
         return _LASTS_BESIDE_A_WALL_S
     return _LASTS_S

@@ -49,10 +49,6 @@ class Pilot:
             self._told.add(text)
             self.say(text)
 
-    def was_told(self, about: str) -> bool:
-        """Whether ``tell_once`` has spoken of it."""
-        return about in self._told
-
     def hear_decision(self, state: PipelineState, decision: Decision, *, excused: bool) -> None:
         """What changed. ``excused``: what comes late is this computer's own fault."""
         self._pass_on(self._status.messages(state, decision, excused=excused))

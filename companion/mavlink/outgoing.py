@@ -44,9 +44,9 @@ def timesync(now_us: int) -> Message:
 
 def timesync_answer(payload: bytes) -> tuple[int, int] | None:
     """When our question left, by our clock, and what the answering clock read [us]; None: no answer to us."""
-    theirs, asked = unpacked(TIMESYNC, payload)
-    if theirs > 0 and asked % 1000 == _OURS_NS:
-        return (asked // 1000, theirs // 1000)
+    answered_ns, sent_ns = unpacked(TIMESYNC, payload)
+    if answered_ns > 0 and sent_ns % 1000 == _OURS_NS:
+        return (sent_ns // 1000, answered_ns // 1000)
     return None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.outgoing import Message, message
 from companion.mavlink.samples import Quaternion
 from models.vehicle import Vector3
@@ -76,8 +77,8 @@ def whole_rate_mask(type_mask: int) -> int:
     return type_mask
 
 
-def encode(command: Command, system: int, component: int = 1) -> Message:
-    """Message id and payload of a command, addressed to the autopilot."""
+def encode(command: Command, system: int) -> Message:
+    """Message id and payload of a command, addressed to the autopilot of a system."""
     boot_ms = round(max(command.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
     if isinstance(command, AttitudeCommand):
         mask = whole_rate_mask(command.type_mask) & (RATES_IGNORED | ATTITUDE_IGNORED)
@@ -89,7 +90,7 @@ def encode(command: Command, system: int, component: int = 1) -> Message:
             *command.rates_frd,
             thrust,
             system,
-            component,
+            AUTOPILOT_COMPONENT,
             mask,
         )
     if command.acceleration_ned is None:
@@ -109,6 +110,6 @@ def encode(command: Command, system: int, component: int = 1) -> Message:
         0.0,
         mask,
         system,
-        component,
+        AUTOPILOT_COMPONENT,
         _LOCAL_NED,
     )

@@ -27,5 +27,5 @@ class Held:
     """A wall that the held vehicle is driven to."""
     wall: WallPlane | None = None
     """The wall beside the hold."""
-    asked_m: float = 0.0
+    target_wall_m: float = 0.0
     """How near to a wall it was last sent, where that was too near."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from companion.adaptation import words
 from companion.control.reasons import REASON_OF_SIGHT, Notice, Reason
-from companion.mavlink.firmware import advice, mode_name, stack_of
+from companion.mavlink.firmware import advice, mode_name
 from companion.mavlink.outgoing import Message, named_value_float, statustext
 from companion.state.decision import Decision
 from companion.state.pipeline_state import PipelineState
@@ -111,7 +111,7 @@ class StatusReporter:
         if self._advised:
             hint = None
         else:
-            hint = advice(stack_of(state.heard.heartbeat), state.heard.parameters)
+            hint = advice(state.heard.stack, state.heard.parameters)
         if hint is not None:
             self._advised = True
             yield from self.tell(hint)
@@ -173,8 +173,8 @@ def _noticed(notice: Notice, state: PipelineState, decision: Decision) -> str:
     """A notice in words, with its figures."""
     text: str = notice.value
     if notice is Notice.WALL_LEAST and decision.tuned is not None:
-        asked_m = max(state.held.asked_m, 0.0)
-        return text.format(held=decision.tuned.least_wall_m, asked=asked_m)
+        target_wall_m = max(state.held.target_wall_m, 0.0)
+        return text.format(least=decision.tuned.least_wall_m, target=target_wall_m)
     return text
 
 

@@ -55,21 +55,23 @@ def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     """The data set from all cases. Raises ModelError without free air or without a case at another speed."""
     maker = _Maker(rows, setup)
     radius = setup.fan.radius_m
-    marks = {}
+    table = []
+    marks = []
     for rpm in sorted(maker.speeds):
         for place in maker.places:
-            marks[(place, rpm)] = maker.row(place, rpm)
-    table = [[h * radius, d * radius, rpm, *label.wrench] for ((h, d), rpm), label in marks.items()]
-    return Assembled(np.array(table), tuple(marks.values()), maker.law, maker.correction)
+            label = maker.row(place, rpm)
+            h, d = place
+            table.append([h * radius, d * radius, rpm, *label.wrench])
+            marks.append(label)
+    return Assembled(np.array(table), tuple(marks), maker.law, maker.correction)
 
 
 def _weighted(one: Label, other: Label, used: NDArray[np.bool_]) -> Label:
     """Two labels of one place, by their sigma; components not ``used`` (6,) are the other's."""
     mine = one.sigma**2
     others = other.sigma**2
-    weight = np.where(
-        used, np.where(mine > 0.0, others / np.maximum(mine + others, TINY), 1.0), 0.0
-    )
+    share = np.where(mine > 0.0, others / np.maximum(mine + others, TINY), 1.0)
+    weight = np.where(used, share, 0.0)
     rest = 1.0 - weight
     return replace(
         one,
@@ -106,10 +108,10 @@ class _Maker:
         self.mesh = mesh_error(rows, setup)
         self.places = sorted(half | full)
         # Full models among half ones would be steps, unless their difference is learnt or all places have one.
-        self.mixed = self.correction.learnt | np.full(6, all(p in full for p in self.places))
-        self.base = np.where(
-            self.mixed, full[FREE].wrench if FREE in full else np.zeros(6), half[FREE].wrench
-        )
+        self.mixed = self.correction.learnt | np.full(6, full.keys() >= set(self.places))
+        self.base = half[FREE].wrench
+        if FREE in full:
+            self.base = np.where(self.mixed, full[FREE].wrench, self.base)
 
     def row(self, place: Place, rpm: float) -> Label:
         """One row of the set."""
@@ -122,21 +124,22 @@ class _Maker:
         # Without a wall zero is exact.
         free_of = TILT & math.isinf(place[1])
         mesh = self.mesh * (rpm / self.rpm) ** 2
-        mixed = bool(self.mixed[~ODD].any())
-        if place in self.half[rpm]:
-            if mixed:
-                made = "corrected"
-            else:
-                made = "half"
-        else:
-            made = "law"
         return replace(
             part,
             wrench=self._free(rpm) + np.where(free_of, 0.0, part.wrench),
             scatter=np.where(free_of, 0.0, np.hypot(mesh, part.scatter)),
             sigma=np.where(free_of, 0.0, np.hypot(mesh, part.sigma)),
-            made="solved" if mixed and self._solved(place, rpm) else made,
+            made=self._made(place, rpm),
         )
+
+    def _made(self, place: Place, rpm: float) -> str:
+        """How a row was made: see ``Label``."""
+        mixed = bool(self.mixed[~ODD].any())
+        if mixed and self._solved(place, rpm):
+            return "solved"
+        if place not in self.half[rpm]:
+            return "law"
+        return "corrected" if mixed else "half"
 
     def _free(self, rpm: float) -> Array:
         """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
@@ -226,11 +229,13 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
                 pairs.append((rpm, place))
     if not pairs:
         raise ModelError("the cases lack positions at other rotor speeds; run the campaign on")
-    logs = np.array([math.log(rpm / reference) for rpm, _ in pairs])
-    at_reference = np.array([added(base, place).wrench for _, place in pairs])
-    elsewhere = np.array(
-        [added(others[rpm], place).wrench * (reference / rpm) ** 2 for rpm, place in pairs]
-    )
+    logs = np.zeros(len(pairs))
+    at_reference = np.zeros((len(pairs), 6))
+    elsewhere = np.zeros((len(pairs), 6))
+    for i, (rpm, place) in enumerate(pairs):
+        logs[i] = math.log(rpm / reference)
+        at_reference[i] = added(base, place).wrench
+        elsewhere[i] = added(others[rpm], place).wrench * (reference / rpm) ** 2
     exponent = np.zeros(6)
     error = np.zeros(6)
     left = np.zeros(6)
@@ -240,16 +245,22 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
         exponent[k] = _exponent(logs, x, y)
         drop = []
         for i in range(len(x)):
-            drop.append(_exponent(*(np.delete(column, i) for column in (logs, x, y))))
+            rest = np.arange(len(x)) != i
+            drop.append(_exponent(logs[rest], x[rest], y[rest]))
         error[k] = math.sqrt((len(x) - 1) * np.var(drop))
         left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
-    free_logs = np.array([math.log(rpm / reference) for rpm in others])
-    free = (
-        np.log([here[FREE].wrench[2] / base[FREE].wrench[2] for here in others.values()])
-        - 2 * free_logs
-    )
-    slope = float(free_logs @ free / (free_logs @ free_logs))
-    return Law(exponent, error, left, len({place for _, place in pairs}), slope)
+    positions = len({place for _, place in pairs})
+    return Law(exponent, error, left, positions, free=_free_exponent(base, others, reference))
+
+
+def _free_exponent(
+    base: dict[Place, Label], others: dict[float, dict[Place, Label]], reference: float
+) -> float:
+    """Exponent of the free fan's lift, beyond 2, by least squares over the speeds."""
+    logs = np.log([rpm / reference for rpm in others])
+    ratio = [here[FREE].wrench[2] / base[FREE].wrench[2] for here in others.values()]
+    beyond = np.log(ratio) - 2 * logs
+    return float(logs @ beyond / (logs @ logs))
 
 
 def _exponent(logs: Array, x: Array, y: Array) -> float:

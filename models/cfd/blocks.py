@@ -26,7 +26,7 @@ class Blocks:
 
     def vertex(self, p: Iterable[float]) -> int:
         """Number of the vertex at ``p``; one at a place."""
-        x, y, z = (float(v) for v in p)
+        x, y, z = map(float, p)
         key = (round(x * 1e7), round(y * 1e7), round(z * 1e7))
         if key not in self.index:
             self.index[key] = len(self.vertices)
@@ -36,10 +36,10 @@ class Blocks:
     def curve(self, a: int, b: int, radius: ArrayLike, z: ArrayLike, angle: ArrayLike) -> None:
         """A curved edge from ``a`` to ``b`` through points in cylinder coordinates, (n,) each or one for all."""
         if a != b and (a, b) not in self.edges and (b, a) not in self.edges:
-            points = np.column_stack(
-                np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), z)
-            )
-            self.edges[a, b] = f"polyLine {a} {b} ({' '.join(_point(p) for p in points)})"
+            x = radius * np.cos(angle)
+            y = radius * np.sin(angle)
+            points = _points(np.column_stack(np.broadcast_arrays(x, y, z)), " ")
+            self.edges[a, b] = f"polyLine {a} {b} ({points})"
 
     def block(
         self, corners: Sequence[int], zone: str, cells: Sequence[int], grading: Sequence[str]
@@ -62,22 +62,30 @@ class Blocks:
         """
         points = np.array(self.vertices)
         patches: dict[str, list[str]] = {name: [] for name in kinds}
-        for face in (same[0] for same in self.faces.values() if len(same) == 1):
-            patches[patch_of(points[face])].append(f"({_join(face)})")
-        boundary = "\n".join(
-            f"{name} {{ type {kinds[name]} faces ( {' '.join(faces)} ); }}"
-            for name, faces in patches.items()
-            if faces
-        )
-        return (
-            f"scale 1;\nvertices\n(\n{chr(10).join(_point(v) for v in self.vertices)}\n);\n"
-            f"blocks\n(\n{chr(10).join(self.blocks)}\n);\nedges\n(\n{chr(10).join(self.edges.values())}\n);\n"
-            f"boundary\n(\n{boundary}\n);\nmergePatchPairs ();\n"
-        )
+        for same in self.faces.values():
+            if len(same) == 1:
+                face = same[0]
+                patches[patch_of(points[face])].append(f"({_join(face)})")
+        boundary = []
+        for name, faces in patches.items():
+            if faces:
+                boundary.append(f"{name} {{ type {kinds[name]} faces ( {' '.join(faces)} ); }}")
+        sections = {
+            "vertices": _points(self.vertices, "\n"),
+            "blocks": "\n".join(self.blocks),
+            "edges": "\n".join(self.edges.values()),
+            "boundary": "\n".join(boundary),
+        }
+        lists = [f"{name}\n(\n{content}\n);\n" for name, content in sections.items()]
+        return f"scale 1;\n{''.join(lists)}mergePatchPairs ();\n"
 
 
-def _point(p: Iterable[float]) -> str:
-    return "(" + " ".join(f"{v:.8g}" for v in p) + ")"
+def _points(points: Iterable[Iterable[float]], separator: str) -> str:
+    texts = []
+    for point in points:
+        numbers = [f"{v:.8g}" for v in point]
+        texts.append(f"({' '.join(numbers)})")
+    return separator.join(texts)
 
 
 def _join(items: Iterable[object]) -> str:

@@ -7,7 +7,8 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 from models.cfd import foam, polars, table
@@ -23,10 +24,14 @@ FAN = "fan.json"
 
 def plan(setup: Setup, model: str) -> list[Position]:
     """Every case of ``half`` or ``full`` models, most useful first; refuses positions that cannot be meshed."""
-    order = dict.fromkeys((_plan_half if model == "half" else _plan_full)(setup))
+    if model == "half":
+        cases = _plan_half(setup)
+    else:
+        cases = _plan_full(setup)
+    order = list(dict.fromkeys(cases))
     for position in order:
         check(setup, position)
-    return list(order)
+    return order
 
 
 def _plan_half(setup: Setup) -> Iterator[Position]:
@@ -38,76 +43,67 @@ def _plan_half(setup: Setup) -> Iterator[Position]:
     """
     c = setup.campaign
     inf = math.inf
-    yield Position(h=inf, d=inf, rpm=c.rpm)
-    yield from (Position(h=inf, d=d, rpm=c.rpm) for d in sorted(c.d, reverse=True))
-    yield from (Position(h=h, d=inf, rpm=c.rpm) for h in sorted(c.h))
+    case = partial(Position, rpm=c.rpm)
+    yield case(h=inf, d=inf)
+    for d in sorted(c.d, reverse=True):
+        yield case(h=inf, d=d)
+    for h in sorted(c.h):
+        yield case(h=h, d=inf)
     for step_h, step_d in ((4, 4), (2, 2), (2, 1), (1, 1)):
-        for h in sorted(c.h[::step_h]):
-            # From far to near, so that a start is at hand.
-            yield from (Position(h=h, d=d, rpm=c.rpm) for d in sorted(c.d[::step_d], reverse=True))
+        # From far to near, so that a start is at hand.
+        distances = sorted(c.d[::step_d], reverse=True)
+        for h, d in itertools.product(sorted(c.h[::step_h]), distances):
+            yield case(h=h, d=d)
         if (step_h, step_d) == (2, 2):
-            yield from (Position(h=h, d=d, rpm=rpm) for rpm in c.other_rpm for h, d in c.rpm_at)
-            yield from (
-                Position(h=h, d=d, rpm=c.rpm, level=level)
-                for level in sorted(c.grid_levels)
-                for h, d in c.grid_at
-            )
-    yield from (Position(h=h, d=d, rpm=c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.full_at))
-    yield from (Position(h=h, d=d, rpm=c.rpm, approach="far") for h, d in c.again_from_far)
-    yield from (Position(h=h, d=d, rpm=c.rpm, approach="wall") for h, d in c.again_from_wall)
+            for rpm, (h, d) in itertools.product(c.other_rpm, c.rpm_at):
+                yield Position(h=h, d=d, rpm=rpm)
+            for level, (h, d) in itertools.product(sorted(c.grid_levels), c.grid_at):
+                yield case(h=h, d=d, level=level)
+    for h, d in (*c.rpm_at, *c.grid_at, *c.full_at):
+        yield case(h=h, d=d)
+    for h, d in c.again_from_far:
+        yield case(h=h, d=d, approach="far")
+    for h, d in c.again_from_wall:
+        yield case(h=h, d=d, approach="wall")
 
 
 def _plan_full(setup: Setup) -> Iterator[Position]:
     """Full models: half of a spread of positions, other speeds, the other half, other meshes, every position."""
     c = setup.campaign
-    positions = [
-        Position(h=h, d=d, rpm=c.rpm, swirl=True, level=c.full_level) for h, d in c.full_at
-    ]
-    first = len(positions) // 2
-    yield from positions[:first]
-    for rpm in c.other_rpm:
-        yield from (
-            Position(h=h, d=d, rpm=rpm, swirl=True, level=c.full_level)
-            for h, d in c.full_other_rpm_at
-        )
-    yield from positions[first:]
-    for level in c.full_grid_levels:
-        yield from (
-            Position(h=h, d=d, rpm=c.rpm, swirl=True, level=level) for h, d in c.full_grid_at
-        )
-    yield from (
-        Position(h=p.h, d=p.d, rpm=c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup)
-    )
-    again = c.full_again_from_far
-    yield from (
-        Position(h=h, d=d, rpm=c.rpm, swirl=True, level=c.full_level, approach="far")
-        for h, d in again
-    )
+    on_mesh = partial(Position, swirl=True, level=c.full_level)
+    case = partial(on_mesh, rpm=c.rpm)
+    spread = [case(h=h, d=d) for h, d in c.full_at]
+    first = len(spread) // 2
+    yield from spread[:first]
+    for rpm, (h, d) in itertools.product(c.other_rpm, c.full_other_rpm_at):
+        yield on_mesh(h=h, d=d, rpm=rpm)
+    yield from spread[first:]
+    for level, (h, d) in itertools.product(c.full_grid_levels, c.full_grid_at):
+        yield case(h=h, d=d, level=level)
+    for half in _plan_half(setup):
+        yield case(h=half.h, d=half.d)
+    for h, d in c.full_again_from_far:
+        yield case(h=h, d=d, approach="far")
 
 
 def rows(folder: Path, positions: Sequence[Position]) -> list[Row]:
     """All finished cases, in the order of the plan. Raises ModelError for a result of another version."""
-    found = ((p, folder / p.key / RESULT) for p in positions)
     out = []
-    for p, path in found:
+    for position in positions:
+        path = folder / position.key / RESULT
         if path.exists():
             for row in table.read(path):
-                out.append(Row(p, row.result))
+                out.append(Row(position, row.result))
     return out
 
 
 def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
     """The finished case whose state is nearest: the same mesh at another speed, else the nearest position."""
-    able = [
-        r.position
-        for r in finished
-        if r.result.status != "diverged" and r.position.model == position.model
-    ]
-    same = [
-        p
-        for p in able
-        if (p.place, p.level, p.approach) == (position.place, position.level, position.approach)
-    ]
+    able = []
+    for row in finished:
+        if row.result.status != "diverged" and row.position.model == position.model:
+            able.append(row.position)
+    same = [p for p in able if replace(p, rpm=position.rpm) == position]
     if same:
         return min(same, key=lambda p: abs(p.rpm - position.rpm))
     able = [p for p in able if p.rpm == position.rpm and p.approach == "near"]
@@ -116,12 +112,11 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
     elif position.approach == "far":
         able = [p for p in able if p.place == (math.inf, position.d)]
     here = near(position.place)
-    level = position.level
-    return min(
-        able,
-        key=lambda p: math.dist(near(p.place), here) + 0.01 * abs(p.level - level),
-        default=None,
-    )
+
+    def apart(p: Position) -> float:
+        return math.dist(near(p.place), here) + 0.01 * abs(p.level - position.level)
+
+    return min(able, key=apart, default=None)
 
 
 def run(
@@ -145,16 +140,13 @@ def run(
     def submit(position: Position, marching: bool) -> Future[Result]:
         start = start_for(position, list(done.values()))
         blades = polars.blades(setup, position.rpm, section, swirl=position.swirl)
-        if start is not None:
-            neighbour = folder / start.key
-        else:
-            neighbour = None
-        return pool.submit(
-            compute, folder / position.key, setup, position, blades, neighbour, march=marching
-        )
+        neighbour = None if start is None else folder / start.key
+        case = folder / position.key
+        return pool.submit(compute, case, setup, position, blades, neighbour, march=marching)
 
     try:
         for marching in (False, True):
+            what = "cases in time" if marching else "cases"
             waiting = iter([p for p in positions if _wanted(done.get(p), setup, marching)])
             running: dict[Future[Result], Position] = {}
             while True:
@@ -167,18 +159,15 @@ def run(
                     if not isinstance(future.exception(), foam.StoppedError):
                         done[position] = Row(position, future.result())
                         _store(folder, done[position])
-                        progress(
-                            "cases in time" if marching else "cases", len(done), len(positions)
-                        )
+                        progress(what, len(done), len(positions))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _claim(folder: Path, setup: Setup) -> None:
     """Make the folder this fan's own; refuse one that holds cases of another."""
-    mine = json.dumps(
-        {name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}, indent=1
-    )
+    parts = {name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}
+    mine = json.dumps(parts, indent=1)
     path = folder / FAN
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -82,34 +82,40 @@ class Correction:
         """
         if place == FREE or not self.places:
             return np.zeros(6)
+        tiny = np.finfo(float).tiny
         x = _coordinates(self.places)
         here = near(place)[None, :]
-        alike = np.array([math.isinf(p[0]) == math.isinf(place[0]) for p in self.places])
-        weight = _rbf(here, x, NEAR)[0] + np.finfo(float).tiny
-        if alike.any():
-            weight = np.where(alike, weight, 0.0)
-        shape, there = (
-            np.stack([_fade(at, 1, bool(wall)) for wall in TILT], axis=1) for at in (x, here)
-        )
+        weight = self._nearness(place, here, x)
+        shape = _shape(x)
         squares = np.where(shape > 0.0, shape**2, np.inf)
         missed = self.missed**2 / squares
         known = self.error_of_change**2 / squares
-        usual = weight @ self.missed**2 / np.maximum(weight @ shape**2, np.finfo(float).tiny)
+        usual = weight @ self.missed**2 / np.maximum(weight @ shape**2, tiny)
         # A variance is known to a variance of twice its square.
         share = np.where(shape > 0.0, weight[:, None], 0.0) / (known + usual + TINY) ** 2
-        share /= np.maximum(share.sum(axis=0), np.finfo(float).tiny)
+        share /= np.maximum(share.sum(axis=0), tiny)
         excess = (share * (missed - known)).sum(axis=0)
         doubt = np.sqrt(2.0 * ((share * known) ** 2).sum(axis=0))
-        out: Array = there[0] * np.sqrt(np.maximum(excess, 0.0) + doubt)
+        out: Array = _shape(here)[0] * np.sqrt(np.maximum(excess, 0.0) + doubt)
         return out
+
+    def _nearness(self, place: Place, here: Array, x: Array) -> Array:
+        """Weights (n,) of the places for another: of those with ground as it has, or without as it has none."""
+        weight: Array = _rbf(here, x, NEAR)[0] + np.finfo(float).tiny
+        alike = np.array([math.isinf(p[0]) == math.isinf(place[0]) for p in self.places])
+        if alike.any():
+            weight[~alike] = 0.0
+        return weight
 
     def at(self, place: Place) -> Array:
         """Correction (6,) at a place."""
         if not self.places or place == FREE:
             return np.zeros(6)
-        return np.array(
-            [self.component(k).predict(near(place), choice) for k, choice in enumerate(self.choice)]
-        )
+        here = near(place)
+        out = np.zeros(6)
+        for k, choice in enumerate(self.choice):
+            out[k] = self.component(k).predict(here, choice)
+        return out
 
     def left_out(self, place: Place) -> Array:
         """Correction (6,) at a place by the other places alone."""
@@ -122,7 +128,10 @@ class Correction:
     def component(self, k: int) -> _Component:
         """What is known of one component."""
         return _Component(
-            _coordinates(self.places), self.change[:, k], self.error_of_change[:, k], bool(TILT[k])
+            x=_coordinates(self.places),
+            y=self.change[:, k],
+            error=self.error_of_change[:, k],
+            wall=bool(TILT[k]),
         )
 
 
@@ -131,12 +140,14 @@ def learn(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correctio
 
     Without free air of both, or with fewer than ``LEAST`` places, nothing is learnt.
     """
-    able = FREE in full and FREE in half
-    places = tuple(sorted(p for p in full if able and p in half and p != FREE))
-    change = np.array([added(full, p).wrench - added(half, p).wrench for p in places]).reshape(
-        -1, 6
-    )
-    known = np.array([np.hypot(full[p].sigma, half[p].sigma) for p in places]).reshape(-1, 6)
+    places: tuple[Place, ...] = ()
+    if FREE in full and FREE in half:
+        places = tuple(sorted((full.keys() & half.keys()) - {FREE}))
+    change = np.zeros((len(places), 6))
+    known = np.zeros((len(places), 6))
+    for i, place in enumerate(places):
+        change[i] = added(full, place).wrench - added(half, place).wrench
+        known[i] = np.hypot(full[place].sigma, half[place].sigma)
     bare = Correction(places, change, known, change)
     if len(places) < LEAST:
         return bare
@@ -182,7 +193,8 @@ class _Component:
         left = []
         for choice in CHOICES:
             inverse = np.linalg.inv(self._covariance(choice))
-            left.append((inverse @ self.y / inverse.diagonal()) ** 2 @ self.weight)
+            residual = inverse @ self.y / inverse.diagonal()
+            left.append(residual**2 @ self.weight)
         best = int(np.argmin(left))
         if left[best] < self.y**2 @ self.weight:
             return CHOICES[best]
@@ -246,7 +258,13 @@ def _fade(x: Array, power: int, wall: bool) -> Array:
     return out
 
 
+def _shape(x: Array) -> Array:
+    """Shape of the prior (n, 6): its standard deviation by component over that at h = 1 R."""
+    return np.stack([_fade(x, 1, bool(wall)) for wall in TILT], axis=1)
+
+
 def _kernel(a: Array, b: Array, choice: KernelChoice, wall: bool) -> Array:
-    left, right = (_fade(x, choice.power, wall) for x in (a, b))
-    out: Array = left[:, None] * _rbf(a, b, choice.length) * right[None, :]
+    fade_a = _fade(a, choice.power, wall)
+    fade_b = _fade(b, choice.power, wall)
+    out: Array = fade_a[:, None] * _rbf(a, b, choice.length) * fade_b[None, :]
     return out

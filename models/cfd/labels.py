@@ -66,24 +66,24 @@ def full_kind(rows: Sequence[Row], rpm: float) -> Kind:
     """The kind of full model that was computed at most positions; the finer mesh where two are equal."""
     places: dict[Kind, set[Place]] = {}
     for row in rows:
-        if (
-            row.position.model == "full"
-            and row.position.rpm == rpm
-            and row.result.status in LABELLED
-        ):
-            places.setdefault(kind_of(row.position), set()).add(row.position.place)
+        p = row.position
+        if p.model == "full" and p.rpm == rpm and row.result.status in LABELLED:
+            places.setdefault(kind_of(p), set()).add(p.place)
     return max(places, key=lambda kind: (len(places[kind]), kind[1]), default=("full", 1.0))
 
 
 def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, Label]:
     """The label of every position computed in one kind of case at one speed; diverged cases give none."""
-    alike = [row for row in rows if kind_of(row.position) == kind and row.result.status in LABELLED]
+    alike = []
+    by_place: dict[Place, list[Row]] = {}
+    for row in rows:
+        p = row.position
+        if kind_of(p) == kind and row.result.status in LABELLED:
+            alike.append(row)
+            if p.rpm == rpm:
+                by_place.setdefault(p.place, []).append(row)
     error = MeanError(alike)
-    found: dict[Place, list[Row]] = {}
-    for row in alike:
-        if row.position.rpm == rpm:
-            found.setdefault(row.position.place, []).append(row)
-    return {place: _label(place, states, error) for place, states in found.items()}
+    return {place: _label(place, states, error) for place, states in by_place.items()}
 
 
 def added(by_place: Mapping[Place, Label], place: Place) -> Label:
@@ -93,19 +93,26 @@ def added(by_place: Mapping[Place, Label], place: Place) -> Label:
 
 
 def _label(place: Place, states: Sequence[Row], known: MeanError) -> Label:
-    wrenches = np.array([r.result.wrench for r in states])
+    wrenches = np.array([row.result.wrench for row in states])
     apart = np.ptp(wrenches, axis=0) / 2
-    amplitude = np.maximum(apart, np.max([_amplitude(r.result) for r in states], axis=0))
-    error = np.maximum(apart, np.max([known.of(r) for r in states], axis=0))
-    wrench = np.where(ODD & (states[0].position.model == "half"), 0.0, wrenches.mean(axis=0))
+    amplitude = error = apart
+    for row in states:
+        amplitude = np.maximum(amplitude, _amplitude(row.result))
+        error = np.maximum(error, known.of(row))
+    zero = ODD & (states[0].position.model == "half")
+    wrench = np.where(zero, 0.0, wrenches.mean(axis=0))
     if math.isinf(place[1]):
         # The mirrored state is a solution as well: the mean is zero, exactly, the state's size the amplitude.
         amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
         error = np.where(TILT, 0.0, error)
         wrench = np.where(TILT, 0.0, wrench)
-    found = {r.result.status for r in states}
     return Label(
-        wrench, amplitude, error, error, next(s for s in LABELLED if s in found), len(states)
+        wrench=wrench,
+        amplitude=amplitude,
+        scatter=error,
+        sigma=error,
+        status=min([row.result.status for row in states], key=LABELLED.index),
+        starts=len(states),
     )
 
 
@@ -118,14 +125,16 @@ class MeanError:
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.found: dict[bool, list[tuple[float, Array]]] = {True: [], False: []}
-        for p, r in ((row.position, row.result) for row in rows):
-            forbidden = TILT & math.isinf(p.d)
-            mean = np.array(r.wrench)
-            iterated = np.array(r.iterated)
-            self._add(p, _in_circles(r), np.where(forbidden, mean, np.nan))
-            if np.isfinite(iterated).all() and np.isfinite(r.error).all():
-                apart = np.sqrt(np.maximum((iterated - mean) ** 2 - np.square(r.error), 0.0))
-                self._add(p, True, np.where(forbidden, iterated, apart))
+        for row in rows:
+            result = row.result
+            forbidden = TILT & math.isinf(row.position.d)
+            mean = np.array(result.wrench)
+            iterated = np.array(result.iterated)
+            self._add(row.position, _in_circles(result), np.where(forbidden, mean, np.nan))
+            if np.isfinite(iterated).all() and np.isfinite(result.error).all():
+                beyond = (iterated - mean) ** 2 - np.square(result.error)
+                apart = np.sqrt(np.maximum(beyond, 0.0))
+                self._add(row.position, True, np.where(forbidden, iterated, apart))
 
     def _add(self, position: Position, in_circles: bool, size: Array) -> None:
         """Side forces and tilts are taken together over the directions solved: both, of a half model one."""
@@ -141,23 +150,23 @@ class MeanError:
 
         Its own is that of block averages, else swing and drift.
         """
-        own = np.where(np.isnan(row.result.error), _amplitude(row.result), row.result.error)
-        return np.maximum(
-            own,
-            row.position.rpm**2 * self._near(row.position.h, self.found[_in_circles(row.result)]),
-        )
+        result = row.result
+        own = np.where(np.isnan(result.error), _amplitude(result), result.error)
+        missed = self._near(row.position.h, self.found[_in_circles(result)])
+        return np.maximum(own, row.position.rpm**2 * missed)
 
     def _near(self, h: float, found: Sequence[tuple[float, Array]]) -> Array:
         """Rms (6,) of what was missed near that height; zero where nothing is known."""
-        apart = np.array([near((x, h))[0] - near((h, h))[0] for x, _ in found])
+        here, _ = near((h, h))
+        apart = np.array([near((height, h))[0] - here for height, _ in found])
         size = np.array([size for _, size in found]).reshape(-1, 6)
         known = np.isfinite(size)
         # The nearest counts, however far it is.
-        weight = (
-            np.exp(-0.5 * (apart**2 - (apart**2).min(initial=np.inf)) / WIDTH**2)[:, None] * known
-        )
+        further = apart**2 - (apart**2).min(initial=np.inf)
+        weight = np.exp(-0.5 * further / WIDTH**2)[:, None] * known
         square = (weight * np.where(known, size, 0.0) ** 2).sum(axis=0)
-        return np.asarray(np.sqrt(square / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)))
+        total = np.maximum(weight.sum(axis=0), np.finfo(float).tiny)
+        return np.asarray(np.sqrt(square / total))
 
 
 def _in_circles(result: Result) -> bool:

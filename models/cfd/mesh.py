@@ -58,7 +58,9 @@ class _Builder:
         self.position = position
         self.out = Blocks()
         self.meridian = Meridian(setup, position)
-        self.n, self.rows, self.grade_z = self.meridian.n, self.meridian.rows, self.meridian.grade_z
+        self.n = self.meridian.n
+        self.rows = self.meridian.rows
+        self.grade_z = self.meridian.grade_z
         hub = np.full(8, fan.hub_radius)
         self.radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
         # The box: to the wall where it is near.
@@ -67,22 +69,17 @@ class _Builder:
         self.box_right = wall if self.wall_at_box else mesh.box
         self.right = wall if math.isfinite(wall) else mesh.far
         corner = math.atan2(mesh.box, self.box_right)
-        half = [0.0, corner, 0.75 * math.pi, math.pi]
-        self.angles = (
-            half
-            if not position.swirl
-            else [*half, 1.25 * math.pi, 2 * math.pi - corner, 2 * math.pi]
-        )
+        self.angles = [0.0, corner, 0.75 * math.pi, math.pi]
+        if position.swirl:
+            self.angles += [1.25 * math.pi, 2 * math.pi - corner, 2 * math.pi]
         self.scale_m = fan.radius_m
         # Sides of a core that face each other need equal counts.
         self.around = self.n(mesh.azimuth / 3)
 
     def build(self) -> str:
-        halves: tuple[float, ...]
+        halves = [1.0]
         if self.position.swirl:
-            halves = (1.0, -1.0)
-        else:
-            halves = (1.0,)
+            halves.append(-1.0)
         for a, b in itertools.pairwise(self.angles):
             for row, column in itertools.product(range(7), range(4)):
                 if row not in SOLID.get(column, ()):
@@ -92,10 +89,10 @@ class _Builder:
                 self._core(row, self.angles[3 * half : 3 * half + 4])
         for row, side in itertools.product(range(7), halves):
             self._outside(row, side)
-        first = [self._bottom, "duct", *(["wall"] if self.wall_at_box else [])]
-        return self.out.text(
-            self._patch, {name: KINDS[name] for name in [*first, "mirror", "hub", "far", "wall"]}
-        )
+        patches = [self._bottom, "duct", "mirror", "hub", "far", "wall"]
+        if self.wall_at_box:
+            patches.insert(2, "wall")
+        return self.out.text(self._patch, {name: KINDS[name] for name in patches})
 
     @property
     def _bottom(self) -> str:
@@ -156,15 +153,15 @@ class _Builder:
         for r in (row, row + 1):
             for t in angles:
                 corners.append(self._on_circle(r, self.radii[0][r], t))
-        self.out.block(
-            corners, "", [self.around, self.around, self.rows[row]], ["1", "1", self.grade_z(row)]
-        )
+        cells = [self.around, self.around, self.rows[row]]
+        self.out.block(corners, "", cells, ["1", "1", self.grade_z(row)])
         self.out.sides(corners, CORE_SIDES)
 
     def _ring(self, row: int, column: int, a: float, b: float) -> None:
         """One block between two angles: from core to hub, hub to bore, bore to skin or skin to box."""
         mesh = self.setup.mesh
-        lo, hi = (self._corners(r, column, a, b) for r in (row, row + 1))
+        lo = self._corners(row, column, a, b)
+        hi = self._corners(row + 1, column, a, b)
         if column == 1:
             zone = {LOWER_ROW: "lowerDisc", UPPER_ROW: "upperDisc"}.get(row, "")
         else:
@@ -174,12 +171,8 @@ class _Builder:
             grade_r = both_ends(3.0)
         else:
             grade_r = self.meridian.grade_r(column)
-        self.out.block(
-            [*lo, *hi],
-            zone,
-            [count, self.around, self.rows[row]],
-            [grade_r, "1", self.grade_z(row)],
-        )
+        cells = [count, self.around, self.rows[row]]
+        self.out.block([*lo, *hi], zone, cells, [grade_r, "1", self.grade_z(row)])
         self.out.sides([*lo, *hi], RING_SIDES)
         for corners, r in ((lo, row), (hi, row + 1)):
             if column < 3:
@@ -197,10 +190,10 @@ class _Builder:
         return [inner[0], outer[0], outer[1], inner[1]]
 
     def _arc(self, p: int, q: int, row: int, line: int, a: float, b: float) -> None:
+        radius = self.scale_m * self.radii[line][row]
+        z = self.scale_m * self.meridian.z[row]
         angle = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
-        self.out.curve(
-            p, q, self.scale_m * self.radii[line][row], self.scale_m * self.meridian.z[row], angle
-        )
+        self.out.curve(p, q, radius, z, angle)
 
     def _lip(
         self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]
@@ -239,7 +232,8 @@ class _Builder:
         ]
         if self.right > self.box_right:
             room = self.right - self.box_right
-            cells = max(3, round(n_outer * min(1.0, 0.35 + 0.65 * room / (far - box))))
+            share = min(1.0, 0.35 + 0.65 * room / (far - box))
+            cells = max(3, round(n_outer * share))
             if math.isfinite(self.position.d):
                 grading = both_ends(2.0)
             else:
@@ -258,14 +252,15 @@ class _Builder:
         cells: tuple[int, int],
         grading: tuple[str, str],
     ) -> None:
-        places = list(zip((x[0], x[1], x[1], x[0]), (y[0], y[0], y[1], y[1]), strict=True))
+        x0, x1 = x
+        y0, y1 = y
         corners = []
         for r in (row, row + 1):
-            for place in places:
+            for place in ((x0, y0), (x1, y0), (x1, y1), (x0, y1)):
                 corners.append(self._cartesian(r, *place))
         order = [0, 1, 2, 3, 4, 5, 6, 7]
         step = 1
-        if y[1] < y[0]:
+        if y1 < y0:
             # Mirrored side: y runs first so that the block stays right-handed.
             order = [0, 3, 2, 1, 4, 7, 6, 5]
             step = -1

@@ -108,6 +108,9 @@ Judged = tuple[str, bool | None]
 _JUDGES: list[tuple[str, str, Callable[[Checked], Judged]]] = []
 
 
+_VERDICTS = {True: AGREES, False: DISAGREES, None: OPEN}
+
+
 def _published(source: str, claim: str) -> Callable[[Callable[[Checked], Judged]], None]:
     """Register a function that judges one statement of a publication."""
     return lambda judge: _JUDGES.append((source, claim, judge))
@@ -121,20 +124,21 @@ def _statements(c: Checked) -> list[Statement]:
             ours, holds = judge(c)
         except LookupError:  # a place that the campaign does not have
             continue
-        out.append(
-            Statement(claim, source, ours, {True: AGREES, False: DISAGREES, None: OPEN}[holds])
-        )
+        out.append(Statement(claim, source, ours, _VERDICTS[holds]))
     return out
 
 
 @_published("paper, figs 5 and 9", "lift ratio rises as the ground comes near")
 def _ground_lifts(c: Checked) -> Judged:
-    doubt = {h: max(c.mesh[2], c.labels[h, math.inf].sigma[2]) / c.free for h in c.heights}
-    falls = all(
-        c.ratio(b) <= c.ratio(a) + math.hypot(doubt[a], doubt[b])
-        for a, b in itertools.pairwise(c.heights)
-    )
-    return ", ".join(f"{c.ratio(h):.3f} at {h:g}" for h in c.heights) + " R", falls
+    def doubt(h: float) -> float:
+        return float(max(c.mesh[2], c.labels[h, math.inf].sigma[2])) / c.free
+
+    falls = True
+    for low, high in itertools.pairwise(c.heights):
+        slack = math.hypot(doubt(low), doubt(high))
+        falls = falls and c.ratio(high) <= c.ratio(low) + slack
+    ours = [f"{c.ratio(h):.3f} at {h:g}" for h in c.heights]
+    return f"{', '.join(ours)} R", falls
 
 
 @_published("paper, section 2.2", "ground effect negligible from 4 R on (taken as 1 % of the lift)")
@@ -151,7 +155,8 @@ def _ground_ends(c: Checked) -> Judged:
 def _measured_fan(c: Checked) -> Judged:
     if not c.heights:
         raise LookupError("no height without a wall")
-    gain = float(np.interp(2.1, c.heights, [c.ratio(h) for h in c.heights])) - 1.0
+    ratios = [c.ratio(h) for h in c.heights]
+    gain = float(np.interp(2.1, c.heights, ratios)) - 1.0
     return f"{100 * gain:+.1f} % at 2.1 R", 0.01 <= gain <= 0.06
 
 
@@ -167,30 +172,29 @@ def _ground_shifts_load(c: Checked) -> Judged:
 
 @_published("paper, fig. 7", "the fan tilts towards the wall, more when nearer")
 def _wall_tilts(c: Checked) -> Judged:
-    tilt = [float(c.labels[math.inf, d].wrench[4]) for d in c.walls]
-    ours = ", ".join(f"{t:.3f} N m at {d:g}" for t, d in zip(tilt, c.walls, strict=True)) + " R"
-    return ours, tilt[0] == max(tilt) and min(tilt) > -c.mesh[4]
+    tilts = [float(c.labels[math.inf, d].wrench[4]) for d in c.walls]
+    ours = [f"{tilt:.3f} N m at {d:g}" for tilt, d in zip(tilts, c.walls, strict=True)]
+    return f"{', '.join(ours)} R", tilts[0] == max(tilts) and min(tilts) > -c.mesh[4]
 
 
 @_published("Conyers, Robinson", "the fan is drawn towards the wall")
 def _wall_pulls(c: Checked) -> Judged:
     d = c.walls[0]
     pull = float(c.labels[math.inf, d].wrench[0])
-    return f"{pull:.2f} N ({100 * pull / c.free:.1f} % of the lift) at {d:g} R", bool(
-        pull > c.mesh[0]
-    )
+    ours = f"{pull:.2f} N ({100 * pull / c.free:.1f} % of the lift) at {d:g} R"
+    return ours, bool(pull > c.mesh[0])
 
 
 @_published("paper, figs 6 and 10", "lift rises slightly near the wall")
 def _wall_lifts(c: Checked) -> Judged:
-    rises = sorted(
-        ((c.labels[math.inf, d].wrench[2] / c.free - 1, d) for d in c.walls),
-        key=lambda rise: abs(rise[0]),
-    )
+    rises = [(c.labels[math.inf, d].wrench[2] / c.free - 1, d) for d in c.walls]
+    rises.sort(key=lambda rise: abs(rise[0]))
     rise, d = rises[-1]
     mesh = c.mesh[2] / c.free
     ours = f"{100 * rise:+.2f} % at {d:g} R (mesh uncertainty {100 * mesh:.2f} %)"
-    return ours, bool(0 < rise < 0.04) if abs(rise) > mesh else None
+    if abs(rise) <= mesh:
+        return ours, None
+    return ours, bool(0 < rise < 0.04)
 
 
 @_published(
@@ -213,10 +217,10 @@ def _wall_ends(c: Checked) -> Judged:
     "beside one wall the ground rules the lift (taken as: the wall changes it by less than 3 %)",
 )
 def _ground_rules(c: Checked) -> Judged:
-    changes = [
-        (abs(c.labels[h, d].wrench[2] - c.labels[h, math.inf].wrench[2]) / c.free, h, d)
-        for h, d in c.corners
-    ]
+    changes = []
+    for h, d in c.corners:
+        by_wall = c.labels[h, d].wrench[2] - c.labels[h, math.inf].wrench[2]
+        changes.append((abs(by_wall) / c.free, h, d))
     most, h, d = sorted(changes)[-1]
     return f"at most {100 * most:.1f} %, at h = {h:g} R, d = {d:g} R", bool(most < 0.03)
 
@@ -229,10 +233,10 @@ def _corner_is_irregular(c: Checked) -> Judged:
     if not heights:
         raise LookupError("no place with ground and wall")
     bent = [h for h in heights if _turns(c, h)]
-    listed = f" ({', '.join(f'{h:g} R' for h in bent)})" if bent else ""
-    return f"lift or pull turns round in d at {len(bent)} of {len(heights)} heights{listed}", bool(
-        bent
-    )
+    ours = f"lift or pull turns round in d at {len(bent)} of {len(heights)} heights"
+    if bent:
+        ours += f" ({', '.join([f'{h:g} R' for h in bent])})"
+    return ours, bool(bent)
 
 
 def _turns(c: Checked, h: float) -> bool:
@@ -241,7 +245,8 @@ def _turns(c: Checked, h: float) -> bool:
     row = [c.labels[place] for place in places]
     for k in (0, 2):
         values = np.array([label.wrench[k] for label in row])
-        slack = 2 * max(float(c.mesh[k]), float(np.median([label.amplitude[k] for label in row])))
+        swing = np.median([label.amplitude[k] for label in row])
+        slack = 2 * max(float(c.mesh[k]), float(swing))
         fall = np.maximum.accumulate(values) - values
         rise = values - np.minimum.accumulate(values)
         if fall.max() > slack and rise.max() > slack:
@@ -252,13 +257,11 @@ def _turns(c: Checked, h: float) -> bool:
 @_published("paper, section 2.4", "the corner is more than ground and wall added")
 def _corner_is_more(c: Checked) -> Judged:
     free = c.labels[FREE].wrench
-    beyond = {
-        (h, d): c.labels[h, d].wrench
-        - c.labels[h, math.inf].wrench
-        - c.labels[math.inf, d].wrench
-        + free
-        for h, d in c.corners
-    }
+    beyond = {}
+    for h, d in c.corners:
+        ground = c.labels[h, math.inf].wrench
+        wall = c.labels[math.inf, d].wrench
+        beyond[h, d] = c.labels[h, d].wrench - ground - wall + free
     h, d = sorted(beyond, key=lambda place: abs(beyond[place][0]))[-1]
     more = beyond[h, d]
     ours = f"pull {more[0]:+.2f} N, lift {more[2]:+.2f} N, tilt {more[4]:+.3f} N m beyond the sum"

@@ -41,25 +41,16 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
-    for p, r in ((row.position, row.result) for row in rows):
+    for row in rows:
+        p = row.position
+        r = row.result
+        case = [p.model, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach]
         numbers = []
         for name in NUMBERS:
-            for v in getattr(r, name):
-                numbers.append(v)
-        out.writerow(
-            [
-                *(p.model, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
-                *(
-                    r.status,
-                    *(f"{v:.6g}" for v in numbers),
-                    r.cells,
-                    r.iterations,
-                    r.steps,
-                    f"{r.seconds:.0f}",
-                ),
-                *(r.start, r.note),
-            ]
-        )
+            for value in getattr(r, name):
+                numbers.append(f"{value:.6g}")
+        course = [r.cells, r.iterations, r.steps, f"{r.seconds:.0f}", r.start, r.note]
+        out.writerow([*case, r.status, *numbers, *course])
     write_text("case table", path, text.getvalue(), ModelError)
 
 
@@ -80,8 +71,11 @@ def read(path: Path) -> list[Row]:
 def _row(cell: dict[str, str]) -> Row:
     if cell["model"] not in MODELS:
         raise ValueError(f"model '{cell['model']}' is none of {', '.join(MODELS)}")
-    h, d, rpm, level = (float(cell[name]) for name in ("h_over_r", "d_over_r", "rpm", "level"))
-    if any(math.isnan(v) for v in (h, d, rpm, level)):
+    h = float(cell["h_over_r"])
+    d = float(cell["d_over_r"])
+    rpm = float(cell["rpm"])
+    level = float(cell["level"])
+    if math.isnan(h + d + rpm + level):
         raise ValueError("h, d, rpm and level must be numbers")
     numbers = {}
     for name, columns in NUMBERS.items():
@@ -89,9 +83,7 @@ def _row(cell: dict[str, str]) -> Row:
     counts = {name: int(cell[name]) for name in COUNTS}
     words = {name: cell[name] for name in ("status", "start", "note")}
     result = Result(**numbers, **counts, **words, seconds=float(cell["seconds"]))  # type: ignore[arg-type]
-    return Row(
-        Position(
-            h=h, d=d, rpm=rpm, swirl=MODELS[cell["model"]], level=level, approach=cell["approach"]
-        ),
-        result,
+    position = Position(
+        h=h, d=d, rpm=rpm, swirl=MODELS[cell["model"]], level=level, approach=cell["approach"]
     )
+    return Row(position, result)

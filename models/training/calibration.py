@@ -46,13 +46,16 @@ def calibrate(sets: Sequence[HeldOut], increments: Array) -> Calibration:
     floors = np.empty(6)
     size = np.sqrt(np.mean(increments**2, axis=0))
     for c in range(6):
-        spread2 = [(GAINS[:, None] * s.spread[:, c]) ** 2 for s in sets]
+        scaled = []
         floor2 = np.full(len(GAINS), SMALLEST**2)
-        for s, known in zip(sets, spread2, strict=True):
-            needed = (s.error[:, c] / COVER_SIGMAS) ** 2 - known
-            floor2 = np.maximum(floor2, np.quantile(needed, s.level, axis=1, method="higher"))
-        width = np.mean([np.log(known + floor2[:, None]).mean(axis=1) for known in spread2], axis=0)
-        k = int(np.argmin(width))
+        for held_out in sets:
+            spread2 = (GAINS[:, None] * held_out.spread[:, c]) ** 2
+            scaled.append(spread2)
+            lacking = (held_out.error[:, c] / COVER_SIGMAS) ** 2 - spread2
+            enough = np.quantile(lacking, held_out.level, axis=1, method="higher")
+            floor2 = np.maximum(floor2, enough)
+        widths = [np.log(spread2 + floor2[:, None]).mean(axis=1) for spread2 in scaled]
+        k = int(np.argmin(np.mean(widths, axis=0)))
         gains[c] = GAINS[k]
         floors[c] = math.sqrt(floor2[k])
     return Calibration(tuple(gains.tolist()), tuple(floors.tolist()), tuple(size.tolist()))

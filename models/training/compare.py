@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.common.errors import ModelError
 from models.common.frames import AXES, Array
@@ -19,7 +18,10 @@ from models.common.pages.svg import Line, figure
 from models.dataset import DataSet, held_out
 from models.surrogate import free_air
 from models.surrogate.fan_surrogate import Regressor
-from models.training import train
+from models.training.nets import Progress, paper_nets, silent
+from models.training.problem import Mask, Problem, constant_notes, drawn, frame, in_frame
+from models.training.scores import defined, r_squared
+from models.training.train import METHODS, PAPER_METHODS, trainer
 
 # More rows are sampled: kriging's cost grows with their cube.
 MAX_ROWS = 2500
@@ -27,8 +29,6 @@ ADAM_RATE = 0.01
 """The paper gives no rate: a usual one for small nets. ``models train`` takes a larger one and more epochs."""
 COLOURS = ("before", "a", "after", "b", "fit", "c")
 """Of the components on the page, in the order of AXES."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Task:
     name: str
     kind: str
     test: Mask
-    problem: train.Problem
+    problem: Problem
     """All rows, in the frame of the learnt ones."""
 
 
@@ -59,7 +59,7 @@ def compare(
     *,
     splits: int = 20,
     epochs: int = 1000,
-    progress: train.Progress = train.silent,
+    progress: Progress = silent,
 ) -> Comparison:
     """Train every method on ``splits`` random 8:2 splits and with regions left out.
 
@@ -71,23 +71,24 @@ def compare(
     notes = list(data.notes)
     if len(data) > MAX_ROWS:
         notes.append(f"{MAX_ROWS} of {len(data)} rows, drawn at random, were compared on")
-    data = data.take(train.drawn(len(data), MAX_ROWS, rng))
-    live = train.frame(data).live
+    data = data.take(drawn(len(data), MAX_ROWS, rng))
+    live = frame(data).live
     if not live.any():
         raise ModelError(
             f"data set {data.source}: no component depends on the place beyond noise; nothing to "
             "compare"
         )
-    notes += train.constant_notes(live)
+    notes += constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
     answers: dict[str, list[Array]] = {}
     first: dict[str, Regressor] = {}
-    for method in train.METHODS:
+    for method in METHODS:
         answers[method] = []
         for k, task in enumerate(tasks):
             regressor = _fit(method, task, epochs, rng)
             first.setdefault(method, regressor)
-            answers[method].append(task.problem.gate * regressor.predict(task.problem.x)[0])
+            answer, _ = regressor.predict(task.problem.x)
+            answers[method].append(task.problem.gate * answer)
             progress(method, k + 1, len(tasks))
     numbers = {
         "rows": len(data),
@@ -113,23 +114,9 @@ def _tasks(data: DataSet, live: Mask, splits: int, rng: np.random.Generator) -> 
 
 
 def _task(data: DataSet, live: Mask, name: str, kind: str, test: Mask) -> Task:
-    learnt = train.frame(data.take(~test), live)
-    law = learnt.free_air
-    x, gate = learnt.coordinates.inputs(data.h, data.d, data.rpm)
-    y = np.where(live, train.increments(data.wrench, data.rpm, law), 0.0)
-    weight = train.weights(data, law)
-    problem = train.Problem(
-        free_air=law,
-        coordinates=learnt.coordinates,
-        x=x,
-        gate=gate,
-        y=y,
-        scale=learnt.scale,
-        locations=data.locations,
-        live=live,
-        weight=weight,
-    )
-    return Task(name, kind, test, problem)
+    learnt = frame(data.take(~test), live)
+    problem = in_frame(data, learnt.free_air, learnt.coordinates, live)
+    return Task(name, kind, test, replace(problem, scale=learnt.scale))
 
 
 def regions(data: DataSet) -> dict[str, Mask]:
@@ -144,8 +131,9 @@ def regions(data: DataSet) -> dict[str, Mask]:
     if fd.size:
         out["nearest walls"] = d <= np.quantile(fd, 0.12)
     if fh.size and fd.size:
-        (h1, h2), (d1, d2) = np.quantile(fh, (0.35, 0.6)), np.quantile(fd, (0.35, 0.6))
-        out["block in the corner"] = (h >= h1) & (h <= h2) & (d >= d1) & (d <= d2)
+        low, high = np.quantile(fh, (0.35, 0.6))
+        near, far = np.quantile(fd, (0.35, 0.6))
+        out["block in the corner"] = (h >= low) & (h <= high) & (d >= near) & (d <= far)
     out["fastest rotor"] = data.rpm >= np.quantile(data.rpm, 0.9)
     return {name: mask for name, mask in out.items() if 3 <= mask.sum() <= 0.5 * len(data)}
 
@@ -153,29 +141,28 @@ def regions(data: DataSet) -> dict[str, Mask]:
 def _fit(method: str, task: Task, epochs: int, rng: np.random.Generator) -> Regressor:
     """Trained on the task's learnt rows; of the paper's methods one net for each component."""
     learnt = task.problem.take(np.flatnonzero(~task.test))
-    if method in train.PAPER_METHODS:
-        return train.paper_nets(
-            learnt, np.ones((1, len(learnt)), dtype=bool), method, rng, epochs, ADAM_RATE
-        )
-    return train.trainer(learnt, method, rng)(learnt)
+    if method in PAPER_METHODS:
+        rows = np.ones((1, len(learnt)), dtype=bool)
+        return paper_nets(learnt, rows, method, rng, epochs, ADAM_RATE)
+    return trainer(learnt, method, rng)(learnt)
 
 
 def _r2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
     """R^2 by method and component, mean and standard deviation over the splits; None where a component is constant."""
     out: dict[str, dict[str, dict[str, float | None]]] = {}
-    for method in train.METHODS:
+    for method in METHODS:
         out[method] = {axis: {} for axis in AXES}
         for part, tested in (("train", False), ("test", True)):
             scores = []
             for task, answer in zip(tasks, answers[method], strict=True):
                 if task.kind == "split":
                     rows = task.test == tested
-                    scores.append(train.r_squared(task.problem.y[rows], answer[rows]))
+                    scores.append(r_squared(task.problem.y[rows], answer[rows]))
             mean = np.mean(scores, axis=0)
             sd = spread(np.array(scores))
             for c, axis in enumerate(AXES):
-                out[method][axis][part] = train.defined(mean[c])
-                out[method][axis][f"{part}_sd"] = train.defined(sd[c])
+                out[method][axis][part] = defined(mean[c])
+                out[method][axis][f"{part}_sd"] = defined(sd[c])
     return out
 
 
@@ -196,8 +183,9 @@ def _regions(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str,
         size = np.sqrt(np.mean(y**2, axis=0))
         live = size > 1e-9
         relative = {}
-        for method in train.METHODS:
-            error = np.sqrt(np.mean((answers[method][k][task.test] - y) ** 2, axis=0))
+        for method in METHODS:
+            answer = answers[method][k][task.test]
+            error = np.sqrt(np.mean((answer - y) ** 2, axis=0))
             relative[method] = float(np.mean(error[live] / size[live]))
         out[task.name] = {"rows": int(task.test.sum()), "relative_error": relative}
     return out
@@ -281,12 +269,12 @@ def write_page(directory: Path, result: Comparison, command: str) -> Path:
     """Write ``report.html``: which method to use and why, the tables, held-out rows; ``command``: what to type next."""
     use = result.numbers["use"]
     head = f"Best surrogate of this data set: {use['method']}"
+    plots = "".join([regression(result, method) for method in METHODS])
     parts = [
         f"<h1>{escape(head)}</h1>",
         verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
         f'<pre tabindex="0">{escape(text(result.numbers))}</pre>',
-        "<div "
-        f'class="plots">{"".join(regression(result, method) for method in train.METHODS)}</div>',
+        f'<div class="plots">{plots}</div>',
     ]
     return write_document("--report", directory / "report.html", document(head, parts))
 

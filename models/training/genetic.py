@@ -47,7 +47,8 @@ def select(f: Array, rng: np.random.Generator) -> Index:
     """Roulette (eq. 14), p_i = f_i / sum_j f_j: indices (runs, pop) drawn with replacement within each run."""
     wheel = np.cumsum(f, axis=1)
     draws = rng.random(f.shape) * wheel[:, -1:]
-    chosen: Index = np.minimum((draws[:, :, None] > wheel[:, None, :]).sum(axis=2), f.shape[1] - 1)
+    passed = (draws[:, :, None] > wheel[:, None, :]).sum(axis=2)
+    chosen: Index = np.minimum(passed, f.shape[1] - 1)
     return chosen
 
 
@@ -75,8 +76,9 @@ def mutation_probability(f: Array, settings: Settings) -> Array:
     average = f.mean(axis=1, keepdims=True)
     spread = top - average
     equal = spread < 1e-12 * np.maximum(top, 1e-300)
-    k = np.where(f >= average, settings.m1 * (top - f) / np.where(equal, 1.0, spread), settings.m2)
-    out: Array = np.clip(np.where(equal, settings.m2, k), settings.least_mutation, 1.0)
+    of_fit = settings.m1 * (top - f) / np.where(equal, 1.0, spread)
+    k = np.where((f >= average) & ~equal, of_fit, settings.m2)
+    out: Array = np.clip(k, settings.least_mutation, 1.0)
     return out
 
 
@@ -87,12 +89,13 @@ def mutate(
 
     K of eq. 16 is spread over the chromosome's weights in fifths: 0.5 of all genes at once would be a new individual.
     """
-    hit = np.flatnonzero(rng.random(genes.shape, dtype=np.float32) < (0.2 * probability)[..., None])
-    step = rng.standard_normal(len(hit), dtype=np.float32) * np.float32(
-        settings.step * (1.0 - progress) ** 2
-    )
+    draws = rng.random(genes.shape, dtype=np.float32)
+    hit = np.flatnonzero(draws < (0.2 * probability)[..., None])
+    size = np.float32(settings.step * (1.0 - progress) ** 2)
+    step = rng.standard_normal(len(hit), dtype=np.float32) * size
     mutants = genes.copy()
-    mutants.ravel()[hit] = np.clip(mutants.ravel()[hit] + step, -settings.bound, settings.bound)
+    flat = mutants.ravel()
+    flat[hit] = np.clip(flat[hit] + step, -settings.bound, settings.bound)
     return mutants
 
 
@@ -109,9 +112,8 @@ def evolve(
     The best so far replaces one individual of each new generation, so the error never grows.
     """
     s = settings or Settings()
-    population: Genes = rng.uniform(
-        -s.first_bound, s.first_bound, (runs, s.population, genes)
-    ).astype(np.float32)
+    shape = (runs, s.population, genes)
+    population: Genes = rng.uniform(-s.first_bound, s.first_bound, shape).astype(np.float32)
     every = np.arange(runs)
     mse = evaluate(population)
     leader = mse.argmin(axis=1)
@@ -119,16 +121,16 @@ def evolve(
     best_mse = mse[every, leader].copy()
     for generation in range(s.generations):
         chosen = select(fitness(mse), rng)
-        children = crossover(population[every[:, None], chosen], s.crossover_share, rng)
-        k = mutation_probability(fitness(evaluate(children)), s)
-        population = mutate(children, k, generation / s.generations, s, rng)
+        parents = population[every[:, None], chosen]
+        children = crossover(parents, s.crossover_share, rng)
+        probability = mutation_probability(fitness(evaluate(children)), s)
+        population = mutate(children, probability, generation / s.generations, s, rng)
         population[:, 0] = best
         mse = evaluate(population)
         leader = mse.argmin(axis=1)
-        better = mse[every, leader] < best_mse
-        best[better], best_mse[better] = (
-            population[every, leader][better],
-            mse[every, leader][better],
-        )
+        leader_mse = mse[every, leader]
+        better = leader_mse < best_mse
+        best[better] = population[every, leader][better]
+        best_mse[better] = leader_mse[better]
         tick(generation + 1, s.generations)
     return best.astype(float), best_mse

@@ -29,22 +29,19 @@ def train(
         return np.tanh(x1 @ theta[:split].reshape(n_in + 1, hidden))
 
     def residuals(theta: Array) -> Array:
-        return np.concatenate(
-            [gate * (inner(theta) @ theta[split:-1] + theta[-1]) - y, shrink @ theta]
-        )
+        net = inner(theta) @ theta[split:-1] + theta[-1]
+        return np.concatenate([gate * net - y, shrink @ theta])
 
     def jacobian(theta: Array) -> Array:
         z = inner(theta)
         slope = (1.0 - z * z) * theta[split:-1] * gate[:, None]
-        by_w = (x1[:, :, None] * slope[:, None, :]).reshape(n, split)
-        return np.concatenate([np.column_stack([by_w, z * gate[:, None], gate]), shrink])
+        by_first = (x1[:, :, None] * slope[:, None, :]).reshape(n, split)
+        by_second = z * gate[:, None]
+        return np.concatenate([np.column_stack([by_first, by_second, gate]), shrink])
 
     theta = least_squares(
         residuals, start, jacobian, method="lm", ftol=STANDSTILL, max_nfev=EVALUATIONS
     ).x
-    return (
-        theta[: split - hidden].reshape(n_in, hidden),
-        theta[split - hidden : split],
-        theta[split:-1],
-        float(theta[-1]),
-    )
+    w1 = theta[: split - hidden].reshape(n_in, hidden)
+    b1 = theta[split - hidden : split]
+    return w1, b1, theta[split:-1], float(theta[-1])

@@ -33,7 +33,9 @@ def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> NDArra
         locations = locations[rows]
     _, place = np.unique(locations, return_inverse=True)
     fold = (np.random.default_rng(0).permutation(place.max() + 1) % FOLDS)[place]
-    left = [_nearest(x, y, place), *(unexplained(x, y, gate, fold, degree) for degree in DEGREES)]
+    left = [_nearest(x, y, place)]
+    for degree in DEGREES:
+        left.append(unexplained(x, y, gate, fold, degree))
     constant = ((y - y.mean(axis=0)) ** 2).sum(axis=0)
     varies = np.ptp(y, axis=0) > 1e-9
     out: NDArray[np.bool_] = varies & (np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant)
@@ -47,14 +49,18 @@ def unexplained(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree:
         seen = fold != k
         unseen = fold == k
         fitted = polynomial.fit(x[seen], y[seen], gate[seen], degree)
-        left += ((gate[unseen] * fitted.predict(x[unseen])[0] - y[unseen]) ** 2).sum(axis=0)
+        answer, _ = fitted.predict(x[unseen])
+        error = gate[unseen] * answer - y[unseen]
+        left += (error**2).sum(axis=0)
     return left
 
 
 def _nearest(x: Array, y: Array, place: NDArray[np.intp]) -> Array:
     """Sum of squared errors (6,) of the mean of the nearest other places' means."""
-    centre, mean = (place_means(a, place) for a in (x[:, :2], y))
+    centre = place_means(x[:, :2], place)
+    mean = place_means(y, place)
     distance = ((centre[:, None] - centre[None]) ** 2).sum(axis=-1)
     np.fill_diagonal(distance, np.inf)
     near = np.argsort(distance, axis=1)[:, :NEIGHBOURS]
-    return np.asarray(((mean[near].mean(axis=1)[place] - y) ** 2).sum(axis=0))
+    error = mean[near].mean(axis=1)[place] - y
+    return np.asarray((error**2).sum(axis=0))

@@ -39,23 +39,26 @@ class Batch:
     def of(cls, x: Array, gate: Array, y: Array, weight: Array) -> Batch:
         """From numpy, x (N or 1, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits."""
         torch.set_num_threads(1)
-        parts = (
-            np.broadcast_to(x, (*y.shape, INPUTS)),
-            gate,
-            y,
-            weight / weight.sum(axis=1, keepdims=True),
+        return cls(
+            x=_single(np.broadcast_to(x, (*y.shape, INPUTS))),
+            gate=_single(gate),
+            y=_single(y),
+            weight=_single(weight / weight.sum(axis=1, keepdims=True)),
         )
-        return cls(*(torch.from_numpy(np.array(p, dtype=np.float32)) for p in parts))
+
+
+def _single(values: Array) -> Any:
+    """A tensor in single precision."""
+    return torch.from_numpy(np.array(values, dtype=np.float32))
 
 
 def errors(theta: Any, batch: Batch, hidden: int) -> Any:
     """Weighted mean squared error (eq. 11) of nets theta (N, genes), shape (N,)."""
     w1, b1, w2, b2 = unpack(theta, hidden)
-    y = (
-        torch.matmul(torch.tanh(torch.matmul(batch.x, w1) + b1[:, None]), w2[:, :, None])[..., 0]
-        + b2[:, None]
-    )
-    return (batch.weight * (batch.gate * y - batch.y) ** 2).sum(dim=1)
+    hidden_layer = torch.tanh(torch.matmul(batch.x, w1) + b1[:, None])
+    y = torch.matmul(hidden_layer, w2[:, :, None])[..., 0] + b2[:, None]
+    error = batch.gate * y - batch.y
+    return (batch.weight * error**2).sum(dim=1)
 
 
 def population_errors(population: Any, batch: Batch, hidden: int) -> Array:
@@ -106,9 +109,6 @@ def unpack(theta: Any, hidden: int) -> tuple[Any, Any, Any, Any]:
     """Chromosomes (..., genes) as w1 (..., 3, hidden), b1 (..., hidden), w2 (..., hidden), b2 (...)."""
     cut = INPUTS * hidden
     w1 = theta[..., :cut].reshape((*theta.shape[:-1], INPUTS, hidden))
-    return (
-        w1,
-        theta[..., cut : cut + hidden],
-        theta[..., cut + hidden : cut + 2 * hidden],
-        theta[..., -1],
-    )
+    b1 = theta[..., cut : cut + hidden]
+    w2 = theta[..., cut + hidden : cut + 2 * hidden]
+    return w1, b1, w2, theta[..., -1]

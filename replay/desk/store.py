@@ -173,8 +173,9 @@ class Desk:
     @property
     def drops(self) -> list[Drop]:
         """The newest first."""
-        asked = {path: path.stat().st_mtime for path in self.folder.glob("*/asks")}
-        return [Drop(path.parent) for path in sorted(asked, key=lambda path: -asked[path])]
+        questions = list(self.folder.glob("*/asks"))
+        questions.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+        return [Drop(question.parent) for question in questions]
 
     def new_drop(self) -> Drop:
         """An empty one."""

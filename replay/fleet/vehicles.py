@@ -134,9 +134,9 @@ def _identities(
                 parameters=row["parameters"],
             )
     unread = {sha256: log for sha256, log in logs.items() if sha256 not in out}
-    asked = partial(_identity, target_system=target_system)
+    identify = partial(_identity, target_system=target_system)
     progress = Progress(what="logs looked at for their vehicle", total=len(unread), quiet=quiet)
-    working = results(asked, unread, place)
+    working = results(identify, unread, place)
     for sha256, who in progress.counted(working, failed=lambda done: done[1] is None):
         if isinstance(who, VehicleIdentity):
             out[sha256] = who
@@ -177,11 +177,11 @@ def _drafted(
     failed = []
     if wanted:
         make_folder("--out", folder)
-    asked = partial(_draft, given=given, target_system=target_system)
+    draft_vehicle = partial(_draft, given=given, target_system=target_system)
     tasks = {name: (logs, out[name]) for name, logs in wanted.items()}
     of_draft = replace(place, most_s=LOGS * place.most_s)
     progress = Progress(what="vehicles drafted", total=len(tasks), quiet=quiet)
-    working = results(asked, tasks, of_draft)
+    working = results(draft_vehicle, tasks, of_draft)
     for name, done in progress.counted(working, failed=lambda one: isinstance(one[1], Lost)):
         if isinstance(done, _Drafted):
             store.put("drafts", [(name, min(len(wanted[name]), LOGS), said, done.facts)])

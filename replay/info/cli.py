@@ -81,16 +81,16 @@ def run(a: argparse.Namespace) -> int:
     answers: list[dict[str, Any]] = []
     failed = 0
     for path in progress_bar(a)(list(named)):
-        asked = partial(of_logs, a.vehicle, a.model, [path], known, a.target_system)
+        vehicle_and_model = partial(of_logs, a.vehicle, a.model, [path], known, a.target_system)
         refusal = ""
         vehicle = None
         draft = None
         try:
-            vehicle, chosen, draft = asked(measured=a.companion)
+            vehicle, chosen, draft = vehicle_and_model(measured=a.companion)
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
             with suppress(LogError):  # no diagnosis takes it, but its vehicle may be known
-                vehicle, chosen, _ = asked(measured=False)
+                vehicle, chosen, _ = vehicle_and_model(measured=False)
         try:
             answer = inspect(path, vehicle, a.target_system, refusal, known.settings)
         except LogError as error:

@@ -314,10 +314,10 @@ def _servos(data: Dataflash) -> dict[int, Series]:
         return {}
     values = series.values
     for kind in ("RCO2", "RCO3"):
-        more = data.of(kind)
-        later = more.series(_channels(more))
-        if later is not None:
-            values = values + np.nan_to_num(later.at(series.t_s, hold=True))
+        topic = data.of(kind)
+        outputs = topic.series(_channels(topic))
+        if outputs is not None:
+            values = values + np.nan_to_num(outputs.at(series.t_s, hold=True))
     ports = {}
     for port in range(_PORTS):
         own = values[:, port * PORT_OUTPUTS : (port + 1) * PORT_OUTPUTS]

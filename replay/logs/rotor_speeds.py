@@ -127,8 +127,8 @@ def _repeated(escs: Mapping[int, EscRecord]) -> dict[int, int]:
     if len(first) < 2 or _copies(escs, first[0], first[1]):
         return {}  # one motor says nothing, and a log in which all are alike is another fault
     out: dict[int, int] = {}
-    for later, numbers in batches.items():
-        pairs = {n: n - later * BATCH for n in numbers}
+    for batch, numbers in batches.items():
+        pairs = {n: n - batch * BATCH for n in numbers}
         if all(old in first and _copies(escs, old, new) for new, old in pairs.items()):
             out |= pairs
     return out

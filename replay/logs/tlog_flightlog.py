@@ -71,8 +71,39 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     notes = [*log.report.notes(), *choice.notes()]
     if repeated:
         notes.append(f"{repeated} messages came twice, as from two links: each is taken once")
-    parts = enumerate(boots(log, choice.system))
-    return [_Boot(part, choice, axis, notes).flightlog(k, known) for k, (part, axis) in parts]
+    out = []
+    for number, (part, axis) in enumerate(boots(log, choice.system)):
+        boot = _Boot(part, choice, axis, notes)
+        out.append(boot.flightlog(number, known))
+    return out
+
+
+class _EscSeries:
+    """Collects what several messages say of each ESC, by its number and quantity."""
+
+    def __init__(self) -> None:
+        self._parts: dict[tuple[int, str], list[Series]] = {}
+
+    def add(
+        self, esc: int, quantity: str, table: Messages, slot: int, rows: NDArray[np.bool_]
+    ) -> None:
+        """Take in one column of a table, at ``rows`` (n,)."""
+        if rows.any():
+            series = Series(table.t_s[rows], table[quantity][rows, slot], table.name)
+            self._parts.setdefault((esc, quantity), []).append(series)
+
+    def has_speed(self, esc: int | None = None) -> bool:
+        """Whether an ESC, or any, has a speed."""
+        if esc is None:
+            return any(quantity == "rpm" for _, quantity in self._parts)
+        return (esc, "rpm") in self._parts
+
+    def records(self) -> dict[int, EscRecord]:
+        """By number; one may report its temperature and no speed."""
+        out = {}
+        for esc in sorted({esc for esc, _ in self._parts}):
+            out[esc] = EscRecord(*[_joined(self._parts.get((esc, name), [])) for name in _OF_ESC])
+        return out
 
 
 class _Boot:
@@ -219,11 +250,12 @@ class _Boot:
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler = self._autopilot("ATTITUDE")
         direct = self._autopilot("ATTITUDE_QUATERNION")
-        table, q = (
-            (direct, direct["q"])
-            if len(direct) >= len(euler)
-            else (euler, quaternions(euler["euler"]))
-        )
+        if len(direct) >= len(euler):
+            table = direct
+            q = direct["q"]
+        else:
+            table = euler
+            q = quaternions(euler["euler"])
         return table.series(unflipped(q)), table.series(table["rates"])
 
     def _position(self) -> tuple[Series | None, Series | None]:
@@ -244,21 +276,18 @@ class _Boot:
         out = []
         for name in ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
             table = self._autopilot(name)
+            sensors = {0: table}
             if "id" in table:
-                sensors = np.unique(table["id"])
-            else:
-                sensors = np.zeros(1, int)
-            for sensor in sensors:
-                if "id" in table:
-                    one = table.where(table["id"] == sensor)
-                else:
-                    one = table
-                number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, int(sensor))
-                record = self._imu(one, f"{name}:{sensor}" if sensor else name, vibration, number)
+                sensors = {int(k): table.where(table["id"] == k) for k in np.unique(table["id"])}
+            for sensor, one in sensors.items():
+                number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, sensor)
+                source = f"{name}:{sensor}" if sensor else name
+                record = self._imu(one, source, vibration, number)
                 if record is not None:
                     out.append(record)
         # Float before quantised, then by rate.
-        return tuple(sorted(out, key=lambda r: (r.force_step > 0.0, -len(r.specific_force))))
+        out.sort(key=lambda r: (r.force_step > 0.0, -len(r.specific_force)))
+        return tuple(out)
 
     def _imu(
         self, table: Messages, source: str, vibration: Messages, number: int
@@ -286,13 +315,14 @@ class _Boot:
     def _beams(self) -> tuple[Beam, ...]:
         out = list(self._distance_beams(self._table("DISTANCE_SENSOR")))
         table = self._table("RANGEFINDER")
-        limits = next((b for b in out if b.name == "down"), None)
-        low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
+        limits = (math.nan, math.nan)
+        down = next((beam for beam in out if beam.name == "down"), None)
+        if down is not None:
+            limits = (down.min_m, down.max_m)
         distance = table.series(table["distance"])
         if distance is not None:
-            out.append(
-                range_beam(_DOWN, (AUTOPILOT_COMPONENT, 0, _DOWNWARD), distance, (low, high))
-            )
+            sensor = (AUTOPILOT_COMPONENT, 0, _DOWNWARD)
+            out.append(range_beam(_DOWN, sensor, distance, limits))
         return tuple(out)
 
     def _distance_beams(self, table: Messages) -> Iterable[Beam]:
@@ -306,8 +336,8 @@ class _Boot:
                     f"{orientation} cannot be resolved; {len(one)} readings ignored"
                 )
                 continue
-            order = np.unique(one.t_s, return_index=True)[1]
-            low, high = (float(v) for v in np.median(one["limits"], axis=0))
+            _, order = np.unique(one.t_s, return_index=True)
+            low, high = np.median(one["limits"], axis=0).tolist()
             yield range_beam(
                 direction=direction,
                 sensor=(int(component), int(sensor), int(orientation)),
@@ -321,64 +351,60 @@ class _Boot:
     def _rings(self) -> Iterator[Ring]:
         table = self._table("OBSTACLE_DISTANCE")
         for k in np.argsort(table.t_s).tolist():
-            head = (float(table.t_s[k]), self._choice.system, int(table["component"][k]))
-            distances, limits, steps = (
-                tuple(table[name][k].tolist()) for name in ("distances", "limits", "steps")
-            )
-            offset = float(table["offset"][k, 0])
             ring = obstacle_distance(
-                head=head,
+                head=(float(table.t_s[k]), self._choice.system, int(table["component"][k])),
                 _=table.name,
-                distances=distances,
-                limits=limits,
-                steps=steps,
-                offset=offset,
+                distances=tuple(table["distances"][k].tolist()),
+                limits=tuple(table["limits"][k].tolist()),
+                steps=tuple(table["steps"][k].tolist()),
+                offset=float(table["offset"][k, 0]),
                 frame=int(table["frame"][k]),
             )
             if ring is not None and math.isfinite(ring.t_s):
                 yield ring
 
     def _escs(self) -> dict[int, EscRecord]:
-        found: dict[tuple[int, str], list[Series]] = {}
+        """Of every ESC by its number; rotor sensors only where no ESC reports a speed."""
+        found = _EscSeries()
+        self._add_telemetry(found)
+        self._add_status(found)
+        if not found.has_speed():
+            self._add_rotor_sensors(found)
+        return found.records()
 
-        def add(
-            esc: int, table: Messages, slot: int, names: Iterable[str], rows: NDArray[np.bool_]
-        ) -> None:
-            for name in names if rows.any() else ():
-                own = Series(table.t_s[rows], table[name][rows, slot], table.name)
-                found.setdefault((esc, name), []).append(own)
-
+    def _add_telemetry(self, found: _EscSeries) -> None:
+        """ESC_TELEMETRY_1_TO_4 and so on."""
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
                 fresh = _fresh(table["count"][:, slot], table["rpm"][:, slot])
-                add(first + slot, table, slot, _OF_ESC, fresh)
-        for kind, name in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
+                for quantity in _OF_ESC:
+                    found.add(first + slot, quantity, table, slot, fresh)
+
+    def _add_status(self, found: _EscSeries) -> None:
+        """ESC_STATUS and ESC_INFO, four of consecutive numbers in a message."""
+        for kind, quantity in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
             table = self._table(kind)
             for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
-                own = table["index"] == first
-                known = np.isfinite(table[name][own, slot])
+                rows = table["index"] == first
+                values = table[quantity][rows, slot]
+                known = np.isfinite(values)
                 if kind == "ESC_STATUS":
                     # A speed of 0 is also what an ESC that is not there has.
-                    known &= table[name][own, slot] != 0.0
+                    known &= values != 0.0
                 if known.any():
-                    add(int(first) + slot + 1, table, slot, (name,), own)
-        if not any(name == "rpm" for _, name in found):
-            # RAW_RPM and RPM: rotor sensors by number, where no ESC reports a speed.
-            table = self._table("RAW_RPM")
-            for number in np.unique(table["index"]).tolist():
-                add(int(number) + 1, table, 0, ("rpm",), table["index"] == number)
-            pair = self._table("RPM")
-            for slot in range(2):
-                rows = pair["rpm"][:, slot] >= 0.0
-                if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
-                    add(slot + 1, pair, slot, ("rpm",), rows)
-        out = {}
-        # One may report its temperature and no speed.
-        for esc in sorted({esc for esc, _ in found}):
-            columns_of_esc = [_joined(found.get((esc, name), [])) for name in _OF_ESC]
-            out[esc] = EscRecord(*columns_of_esc)
-        return out
+                    found.add(int(first) + slot + 1, quantity, table, slot, rows)
+
+    def _add_rotor_sensors(self, found: _EscSeries) -> None:
+        """RAW_RPM and RPM: rotor sensors by number."""
+        table = self._table("RAW_RPM")
+        for number in np.unique(table["index"]).tolist():
+            found.add(int(number) + 1, "rpm", table, 0, table["index"] == number)
+        pair = self._table("RPM")
+        for slot in range(2):
+            rows = pair["rpm"][:, slot] >= 0.0
+            if pair["rpm"][rows, slot].any() and not found.has_speed(slot + 1):
+                found.add(slot + 1, "rpm", pair, slot, rows)
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")
@@ -415,20 +441,20 @@ class _Boot:
     def _wind(self) -> Series | None:
         estimate = self._autopilot("WIND_COV")
         table = self._autopilot("WIND")
-        speed = table["speed"]
         direction = table["direction"][:, 0]
-        to = np.stack(
-            [-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]],
-            axis=-1,
-        )
+        level = table["speed"][:, 0]
+        north = -level * np.cos(direction)
+        east = -level * np.sin(direction)
+        to = np.stack([north, east, table["speed"][:, 1]], axis=-1)
         return first_of((estimate.series(estimate["wind"]), table.series(to)))
 
     def _texts(self) -> tuple[tuple[float, int, str], ...]:
         table = self._autopilot("STATUSTEXT")
-        return tuple(
-            (float(t), int(severity), bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
-            for t, severity, text in zip(table.t_s, table["severity"], table["text"], strict=True)
-        )
+        out = []
+        for t_s, severity, field in zip(table.t_s, table["severity"], table["text"], strict=True):
+            text, _, _ = bytes(field).partition(b"\0")
+            out.append((float(t_s), int(severity), text.decode("utf-8", "replace")))
+        return tuple(out)
 
 
 def _sums(battery: Messages) -> Array:

@@ -305,10 +305,10 @@ class _Reader:
     def _parameters(self) -> list[Row]:
         """Those at the start of the log, then those that were set later."""
         initial = [(-math.inf, name, value) for name, value in self._log.initial_parameters.items()]
-        later = [(t_us / 1e6, name, value) for t_us, name, value in self._log.changed_parameters]
+        changes = [(t_us / 1e6, name, value) for t_us, name, value in self._log.changed_parameters]
         return [
             (t_s, name, float(v))
-            for t_s, name, v in [*initial, *later]
+            for t_s, name, v in [*initial, *changes]
             if isinstance(v, int | float)
         ]
 

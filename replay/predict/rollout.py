@@ -108,10 +108,6 @@ def rollout(
 ) -> Array:
     """The motion that follows from measured states and rotor speeds, by the model.
 
-    The body is rigid: m v' = R F + m g, J w' = M - w x J w (Euler). Velocity and rates take a step of the acceleration
-    that velocity and rates at its start make at the attitude of its middle; place and attitude take the mean of their
-    rates of change over the step. Step k uses the inputs of step k alone.
-
     Parameters
     ----------
     model : FlightModel
@@ -120,7 +116,8 @@ def rollout(
         Where ``n`` windows begin: position NED [m], velocity NED [m/s], quaternion (w first, body FRD to NED), body
         rates [rad/s].
     inputs : array_like (n, steps, rotors)
-        Rotor speeds [rpm] in the order of ``Vehicle.rotors``, or outputs [us] where the thrust is declared by outputs.
+        Rotor speeds [rpm] in the order of ``Vehicle.rotors``, or outputs [us] where the thrust is declared by outputs;
+        step k uses those of step k alone.
     step_s : float
         Length of a step [s].
     near : Surroundings or None
@@ -150,46 +147,59 @@ def rollout(
     >>> from models.vehicle import load_vehicle
     >>> from replay import FlightModel, rollout
     >>> start = np.zeros((1, 13))
-    >>> start[0, 2] = -2.0
-    >>> start[0, 6] = 1.0
+    >>> start[0, [2, 6]] = -2.0, 1.0
     >>> path = rollout(FlightModel(load_vehicle("my.toml")), start, np.zeros((1, 50, 4)))
     >>> path.shape, float(path[0, -1, 2].round(2))
     ((1, 50, 13), -0.77)
     """
-    if not isinstance(model, FlightModel):
-        raise ConfigError(
-            f"rollout: model is a {type(model).__name__}; give FlightModel(vehicle, surrogate)"
-        )
     start = np.asarray(states, dtype=float)
     commands = np.asarray(inputs, dtype=float)
-    _check(model.vehicle, start, commands)
-    windows, steps, _ = commands.shape
-    if near is None:
-        near = Surroundings.none(windows, len(model.vehicle.fans))
-    extra = np.zeros((windows, steps, 6)) if beside is None else np.asarray(beside, dtype=float)
+    _check(model, start, commands)
     air = _Air(model.vehicle, start, near, weather)
+    return _path(model, air, start, commands, step_s=step_s, beside=beside, rotations=rotations)
+
+
+def _path(
+    model: FlightModel,
+    air: _Air,
+    start: Array,
+    commands: Array,
+    *,
+    step_s: float,
+    beside: ArrayLike | None,
+    rotations: ArrayLike | None,
+) -> Array:
+    """``rollout`` of states (n, 13) and commands (n, steps, rotors) that were checked."""
+    others = None if beside is None else np.asarray(beside, dtype=float)
+    measured = None if rotations is None else np.asarray(rotations, dtype=float)
+    windows, steps, _ = commands.shape
     out = np.empty((windows, steps, STATE))
     now = start
     for k in range(steps):
-        if rotations is not None:
-            attitude = np.asarray(rotations, dtype=float)[:, k]
-        else:
+        if measured is None:
             halfway = turned_by(now[:, QUATERNION], 0.5 * step_s * now[:, RATES])
             attitude = rotation_from_quaternion(halfway)
-        state = air.at(now, attitude, commands[:, k])
-        wrench = model.wrench(state)[:, 0] + extra[:, k]
+        else:
+            attitude = measured[:, k]
+        wrench = model.wrench(air.at(now, attitude, commands[:, k]))[:, 0]
+        if others is not None:
+            wrench = wrench + others[:, k]
         now = _step(model.vehicle, now, attitude, wrench, step_s)
-        if rotations is not None:
+        if measured is not None:
             now[:, QUATERNION] = start[:, QUATERNION]
             now[:, RATES] = start[:, RATES]
         out[:, k] = now
     return out
 
 
-def _check(vehicle: Vehicle, states: Array, inputs: Array) -> None:
+def _check(model: FlightModel, states: Array, inputs: Array) -> None:
+    if not isinstance(model, FlightModel):
+        raise ConfigError(
+            f"rollout: model is a {type(model).__name__}; give FlightModel(vehicle, surrogate)"
+        )
     if states.ndim != 2 or states.shape[1] != STATE:
         raise ConfigError(f"rollout: states have the shape {states.shape}, not (n, {STATE})")
-    rotors = len(vehicle.rotors)
+    rotors = len(model.vehicle.rotors)
     if inputs.ndim != 3 or inputs.shape[0] != len(states) or inputs.shape[2] != rotors:
         raise ConfigError(
             f"rollout: inputs have the shape {inputs.shape}, not ({len(states)}, steps, {rotors})"
@@ -199,7 +209,12 @@ def _check(vehicle: Vehicle, states: Array, inputs: Array) -> None:
 
 
 def _step(vehicle: Vehicle, now: Array, attitude: Array, wrench: Array, step_s: float) -> Array:
-    """The states (n, 13) one step later."""
+    """The states (n, 13) one step later.
+
+    The body is rigid: m v' = R F + m g, J w' = M - w x J w (Euler). Velocity and rates take a step of the acceleration
+    that velocity and rates at its start make at the attitude of its middle; place and attitude take the mean of their
+    rates of change over the step.
+    """
     inertia = np.asarray(vehicle.inertia_kgm2)
     rates = now[:, RATES]
     turning = np.cross(rates, inertia * rates)
@@ -238,8 +253,10 @@ class _Air:
     """The states of the air that effects look at, of ``n`` windows; leading shape (n, 1): one instant each."""
 
     def __init__(
-        self, vehicle: Vehicle, start: Array, near: Surroundings, weather: AirState | None
+        self, vehicle: Vehicle, start: Array, near: Surroundings | None, weather: AirState | None
     ) -> None:
+        if near is None:
+            near = Surroundings.none(len(start), len(vehicle.fans))
         self._vehicle = vehicle
         self._near = near
         self._fans = self._fans_at(start, rotation_from_quaternion(start[:, QUATERNION]))

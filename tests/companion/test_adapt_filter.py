@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion.adaptation import filter as sizes_filter
-from companion.adaptation.filter import excites, later
+from companion.adaptation.filter import excites, predict
 from companion.adaptation.sizes import (
     FIRST_EFFECT,
     GAINS,
@@ -108,18 +108,18 @@ def test_time_makes_less_sure_by_the_minute_and_never_less_than_before_any_fligh
     believed = update(sizes, believed, 0.3, np.array([1.0, 0.0, 0.0, 0.0]), 1e-6, **FREE)
     minute = believed
     for _ in range(300):
-        minute = later(sizes, minute, 0.2)
+        minute = predict(sizes, minute, 0.2)
     assert minute.sd(0) == pytest.approx(0.1, rel=1e-3)
     assert minute.offset[0] == believed.offset[0]
-    assert later(sizes, believed, 1e6).sd(0) == pytest.approx(1.0)
-    assert later(sizes, believed, 1e6).sd(1) == pytest.approx(1.0)
+    assert predict(sizes, believed, 1e6).sd(0) == pytest.approx(1.0)
+    assert predict(sizes, believed, 1e6).sd(1) == pytest.approx(1.0)
 
 
 def test_the_covariance_stays_a_covariance_over_an_hour():
     sizes = size_table(default_vehicle(), load())
     believed = prior(sizes)
     for _ in range(5000):
-        believed = later(sizes, believed, 0.2)
+        believed = predict(sizes, believed, 0.2)
         row = RNG.normal(size=len(sizes)) * RNG.choice([0.0, 0.1, 40.0], size=len(sizes))
         believed = update(
             sizes, believed, float(RNG.normal()), row, 0.3, excited=0.2, robust_sigmas=2.5
@@ -143,7 +143,7 @@ def test_sizes_are_never_changed_in_place():
     believed = prior(table())
     before = Sizes(believed.offset.copy(), believed.covariance.copy())
     update(table(), believed, 1.0, np.ones(4), 0.1, **FREE)
-    later(table(), believed, 3.0)
+    predict(table(), believed, 3.0)
     assert np.array_equal(believed.offset, before.offset)
     assert np.array_equal(believed.covariance, before.covariance)
 

@@ -19,6 +19,7 @@ from models.common.frames import AXES
 from models.corner_law import ClosedForm
 from models.surrogate import kriging
 from models.training import compare, genetic, levenberg, train
+from models.training.scores import r_squared
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def test_regions_are_left_out_whole(result: compare.Comparison) -> None:
 
 def test_means_are_means_over_splits(result: compare.Comparison) -> None:
     values = [
-        train.r_squared(t.problem.y[t.test], a[t.test])[2]
+        r_squared(t.problem.y[t.test], a[t.test])[2]
         for t, a in zip(result.tasks, result.answers["polynomial"], strict=True)
         if t.kind == "split"
     ]

@@ -14,6 +14,7 @@ from models.dataset import held_out
 from models.surrogate import free_air, kriging
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.training import compare, live_components, train
+from models.training.problem import frame
 
 INF = np.inf
 
@@ -54,7 +55,7 @@ def test_what_is_constant_or_noise_is_learnt_as_its_constant() -> None:
     """Fy and Mx are noise about zero, Mz noise about a constant."""
     for seed in range(3):
         data = free_air.level(noisy_campaign(seed=seed, mirrored=False))
-        problem = train.frame(data)
+        problem = frame(data)
         assert problem.live.tolist() == [True, False, True, False, True, False]
         assert problem.free_air.share[1] == problem.free_air.share[3] == 0.0
         lift = float(FAN.lift(RPM))
@@ -66,7 +67,7 @@ def test_a_component_however_small_is_live_if_it_repeats() -> None:
     data = noisy_campaign(mirrored=False)
     wrench = data.wrench.copy()
     wrench[:, 1] = 1e-3 * FAN.wrench(data.h, data.d, data.rpm)[:, 0]
-    assert train.frame(replace(data, wrench=wrench)).live[1]
+    assert frame(replace(data, wrench=wrench)).live[1]
 
 
 def test_evidence_is_the_same_for_thousands_of_rows() -> None:
@@ -115,7 +116,7 @@ def test_what_only_bare_ground_shows_sideways_is_not_believed() -> None:
     wrench = data.wrench.copy()
     bare = np.isinf(data.d)
     wrench[bare, 0] += 0.02 * (FAN.lift(data.rpm) * np.exp(-data.h / R))[bare]
-    problem = train.frame(free_air.level(replace(data, wrench=wrench)))
+    problem = frame(free_air.level(replace(data, wrench=wrench)))
     assert problem.coordinates.axisymmetric
     assert not problem.gate[bare][:, [0, 1, 3, 4]].any()
 
@@ -126,7 +127,7 @@ def test_a_tilted_fan_is_no_offset() -> None:
     wrench[:, 0] += 0.02 * FAN.lift(data.rpm)
     data = replace(data, wrench=wrench)
     assert not any("Fx" in note for note in free_air.level(data).notes)
-    assert not train.frame(data).coordinates.axisymmetric
+    assert not frame(data).coordinates.axisymmetric
     assert free_air.fit(data).share[0] == pytest.approx(0.02, rel=0.1)
 
 
@@ -150,7 +151,7 @@ def test_noise_draws_no_waves_between_the_places(trained: train.Trained) -> None
 def test_kriging_does_not_take_repeated_speeds_for_certainty() -> None:
     pytest.importorskip("sklearn", reason="training extra not installed")
     data = free_air.level(noisy_campaign(0.01))
-    problem = train.frame(data)
+    problem = frame(data)
     one = problem.take(np.flatnonzero(data.rpm == RPM))
     for part in (problem, one):
         fitted = kriging.fit(part.x, part.y, part.gate, part.locations, 0)
@@ -160,7 +161,7 @@ def test_kriging_does_not_take_repeated_speeds_for_certainty() -> None:
 
 def test_every_part_of_the_comparison_holds_out_by_place() -> None:
     data = free_air.level(noisy_campaign())
-    live = train.frame(data).live
+    live = frame(data).live
     tasks = compare._tasks(data, live, 6, np.random.default_rng(0))
     for task in tasks:
         if task.kind == "split":

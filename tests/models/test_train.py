@@ -14,7 +14,9 @@ from models.common.frames import AXES
 from models.corner_law import ClosedForm
 from models.dataset import DataSet
 from models.surrogate import coordinates, free_air, store
-from models.training import levenberg, train
+from models.training import levenberg, nets, train
+from models.training.problem import folds, frame, increments
+from models.training.scores import r_squared
 from models.training.train import METHODS, PAPER_METHODS
 
 INF = np.inf
@@ -31,7 +33,7 @@ def _thin(every: int = 8) -> DataSet:
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nets that stop early, where their accuracy is not asked for."""
     monkeypatch.setattr(levenberg, "EVALUATIONS", 10)
-    monkeypatch.setattr(train, "DECAYS", (1e-7,))
+    monkeypatch.setattr(nets, "DECAYS", (1e-7,))
 
 
 @pytest.fixture(scope="module")
@@ -197,17 +199,17 @@ def test_the_reynolds_exponent_is_found() -> None:
 def test_the_reach_of_ground_and_wall_is_found() -> None:
     data = ClosedForm().data_set()
     law = free_air.fit(data)
-    c = coordinates.fit(data, train.increments(data.wrench, data.rpm, law), axisymmetric=True)
+    c = coordinates.fit(data, increments(data.wrench, data.rpm, law), axisymmetric=True)
     assert 3.5 * 0.165 < c.h_far <= 4.3 * 0.165
     assert 3.3 * 0.165 < c.d_far <= 4.1 * 0.165
     near = data.take((data.h < 0.2) | data.free_air)
-    part = coordinates.fit(near, train.increments(near.wrench, near.rpm, law), axisymmetric=True)
+    part = coordinates.fit(near, increments(near.wrench, near.rpm, law), axisymmetric=True)
     assert part.h_far == pytest.approx(1.5 * near.h[np.isfinite(near.h)].max())
 
 
 def test_folds_keep_a_place_together(small: DataSet) -> None:
-    problem = train.frame(small)
-    fold = train.folds(problem, 5, np.random.default_rng(0))
+    problem = frame(small)
+    fold = folds(problem, 5, np.random.default_rng(0))
     for place in range(20):
         assert len(np.unique(fold[problem.locations == place])) == 1
     assert set(np.unique(fold)) == {0, 1, 2, 3, 4}
@@ -217,7 +219,7 @@ def test_r_squared_is_the_papers_and_not_defined_for_a_constant() -> None:
     """Eq. 17."""
     truth = np.array([[1.0, 3.0, 3.0], [2.0, 3.0, 3.0], [3.0, 3.0, 3.0]])
     answer = np.array([[1.0, 3.0, 3.1], [2.0, 3.0, 3.0], [4.0, 3.0, 3.0]])
-    np.testing.assert_allclose(train.r_squared(truth, answer), [0.5, np.nan, np.nan])
+    np.testing.assert_allclose(r_squared(truth, answer), [0.5, np.nan, np.nan])
 
 
 @pytest.mark.slow
@@ -225,8 +227,9 @@ def test_reference_data_train_to_the_goal(
     shared_data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Accuracy alone: the weakest decay is given and little calibrated, for speed."""
-    monkeypatch.setattr(train, "DECAYS", (1e-7,))
+    monkeypatch.setattr(nets, "DECAYS", (1e-7,))
     monkeypatch.setattr(train, "CALIBRATION_ROWS", 200)
+    monkeypatch.setattr(nets, "TRIAL_ROWS", 200)
     data = dataset.read(shared_data / "undeclared" / "corner.csv")
     report = train.train(data.take(data.rpm != 3200.0), "ensemble", 0).report
     assert min(report["test"][a]["r2"] for a in AXES) >= 0.99

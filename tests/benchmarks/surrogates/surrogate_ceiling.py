@@ -25,7 +25,9 @@ from models import dataset
 from models.common.frames import AXES, Array
 from models.dataset import DataSet
 from models.surrogate import free_air
-from models.training import train
+from models.training.nets import MEMBERS, choose_decays, levenberg_nets
+from models.training.problem import folds, frame, increments
+from models.training.scores import defined, r_squared
 
 # Rows whose gate is nearly closed say nothing about the process behind it.
 LEAST_GATE = 0.02
@@ -46,14 +48,14 @@ def scatter_of(path: Path, count: int) -> Array:
 def held_out_r2(data: DataSet, seed: int) -> tuple[Array, Array]:
     """R2 (6,) of the increments on held-out places, and the mask (n,) of their rows; nan for what is not live."""
     mask = dataset.held_out(data, np.random.default_rng(seed))
-    problem = train.frame(data.take(~mask))
+    problem = frame(data.take(~mask))
     rng = np.random.default_rng(seed)
-    decays = train.choose_decays(problem, rng)
-    nets = train.levenberg_nets(problem, train.folds(problem, train.MEMBERS, rng), rng, decays)
+    decays = choose_decays(problem, rng)
+    nets = levenberg_nets(problem, folds(problem, MEMBERS, rng), rng, decays)
     test = data.take(mask)
     x, gate = problem.coordinates.inputs(test.h, test.d, test.rpm)
-    truth = train.increments(test.wrench, test.rpm, problem.free_air)
-    r2 = train.r_squared(truth, gate * nets.predict(x)[0])
+    truth = increments(test.wrench, test.rpm, problem.free_air)
+    r2 = r_squared(truth, gate * nets.predict(x)[0])
     return np.where(problem.live, r2, np.nan), mask
 
 
@@ -68,11 +70,11 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
     held_out = dataset.held_out(data, np.random.default_rng(seed))
     learnt = data.take(~held_out)
     test = data.take(held_out)
-    problem = train.frame(learnt)
+    problem = frame(learnt)
     noise = scatter[~held_out] / problem.free_air.lift(learnt.rpm)[:, None]
     middle = learnt.rpm == np.sort(np.unique(learnt.rpm))[len(np.unique(learnt.rpm)) // 2]
     x, gate = problem.coordinates.inputs(test.h, test.d, test.rpm)
-    truth = train.increments(test.wrench, test.rpm, problem.free_air)
+    truth = increments(test.wrench, test.rpm, problem.free_air)
     answer = np.zeros_like(truth)
     for c in np.flatnonzero(problem.live):
         rows = middle & (problem.gate[:, c] > LEAST_GATE)
@@ -87,13 +89,13 @@ def process_r2(data: DataSet, scatter: Array, seed: int) -> Array:
         )
         fitted.fit(problem.x[rows, :2], problem.y[rows, c] / (size * opening))
         answer[:, c] = gate[:, c] * size * fitted.predict(x[:, :2])
-    return np.where(problem.live, train.r_squared(truth, answer), np.nan)
+    return np.where(problem.live, r_squared(truth, answer), np.nan)
 
 
 def ceiling(data: DataSet, error: Array, rows: Array) -> Array:
     """R2 (6,) of a perfect surrogate on ``rows``; nan where the component does not vary."""
     law = free_air.fit(data)
-    truth = train.increments(data.wrench, data.rpm, law)[rows]
+    truth = increments(data.wrench, data.rpm, law)[rows]
     lift = law.lift(data.rpm)[rows, None]
     variance = truth.var(axis=0)
     known = variance > 1e-12
@@ -164,7 +166,7 @@ def main() -> None:
     if args.json:
         content = {
             name: {
-                key: dict(zip(AXES, map(train.defined, v), strict=True))
+                key: dict(zip(AXES, map(defined, v), strict=True))
                 for key, v in (("mean", m), ("sd", s))
             }
             for name, (m, s) in known.items()

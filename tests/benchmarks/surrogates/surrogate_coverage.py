@@ -22,6 +22,7 @@ from models.common.frames import AXES, Array
 from models.dataset import DataSet
 from models.surrogate import free_air
 from models.training import train
+from models.training.problem import frame
 
 CUTS = 4
 
@@ -51,7 +52,7 @@ def main() -> None:
     parser.add_argument("--json")
     args = parser.parse_args()
     data = free_air.level(dataset.read(args.data) if args.data else campaign())
-    live = train.frame(data).live
+    live = frame(data).live
     inside: dict[str, list[Array]] = {"scattered places": [], "whole blocks": []}
     ratio: dict[str, list[Array]] = {name: [] for name in inside}
     trusts: list[Array] = []

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 import models
 from models.corner_law import ClosedForm
 from models.dataset import DataSet
-from models.training import genetic, train
+from models.training import genetic
+from models.training.problem import Problem, frame
 
 Array = NDArray[np.float64]
 HIDDEN = 9
@@ -42,7 +43,7 @@ RATE = 0.01
 """Of Adam."""
 
 
-def paper_sized() -> train.Problem:
+def paper_sized() -> Problem:
     """8 x 8 x 5 points in h, d and rpm: 320 rows, about what the paper's figures show."""
     fan = ClosedForm()
     axes = (
@@ -53,12 +54,10 @@ def paper_sized() -> train.Problem:
     h, d, rpm = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
     h, d, rpm = (np.append(a, [v] * 2) for a, v in ((h, np.inf), (d, np.inf), (rpm, 4000.0)))
     rpm[-1] = 4500.0
-    return train.frame(
-        DataSet(h=h, d=d, rpm=rpm, wrench=fan.wrench(h, d, rpm), source="grid", sha256="")
-    )
+    return frame(DataSet(h=h, d=d, rpm=rpm, wrench=fan.wrench(h, d, rpm), source="grid", sha256=""))
 
 
-def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> Array:
+def batched(problem: Problem, settings: genetic.Settings, epochs: int) -> Array:
     """What ``models train --method ga-adam-bp`` does, all 30 nets at once."""
     from models.training import network
 
@@ -72,7 +71,7 @@ def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> 
     return network.descend(start, batch, HIDDEN, epochs, adam_rate=RATE)
 
 
-def looped(problem: train.Problem, settings: genetic.Settings, epochs: int) -> Array:
+def looped(problem: Problem, settings: genetic.Settings, epochs: int) -> Array:
     """The same work, one individual at a time."""
     rng = np.random.default_rng(0)
     out = []
