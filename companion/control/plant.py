@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.control.dead_reckoning import KEPT_S
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.mavlink.firmware import Stack
 from models.common.frozen_copy import with_changes
@@ -241,11 +242,11 @@ def horizontal_loop(
     ``stiffness_1_s2``: k of a wall's pull that grows by k x towards it; the plant is 1 / (s^2 - k).
     """
     high_pass = s * TILT_MEAN_S / (1.0 + s * TILT_MEAN_S)
-    delayed = np.exp(-s * age_s)
-    late = delayed / (1.0 - stiffness_1_s2 / s**2)
-    gained = _gained(s, delayed, age_s)
+    late = np.exp(-s * age_s) / (1.0 - stiffness_1_s2 / s**2)
+    carried_s = min(age_s, KEPT_S)
+    gained = _gained(s, carried_s)
     velocity = late / s + gained.velocity * high_pass
-    position = late / s**2 + age_s * late / s + gained.place * high_pass
+    position = late / s**2 + carried_s * late / s + gained.place * high_pass
     slip = gains.position_1_s * position + velocity + gains.tilt_lead_s * high_pass
     out: Frequencies = loop.response(s) * (gains.velocity_1_s + gains.integral_1_s2 / s) * slip
     return out
@@ -258,8 +259,9 @@ class _Gained(NamedTuple):
     place: Frequencies
 
 
-def _gained(s: Frequencies, delayed: Frequencies, age_s: float) -> _Gained:
-    """v(t) - v(t - age) and x(t) - x(t - age) - age v(t - age) over a(t); ``delayed``: exp(-s age)."""
+def _gained(s: Frequencies, age_s: float) -> _Gained:
+    """v(t) - v(t - age) and x(t) - x(t - age) - age v(t - age) over a(t)."""
+    delayed = np.exp(-s * age_s)
     return _Gained(
         velocity=(1.0 - delayed) / s,
         place=(1.0 - delayed) / s**2 - age_s * delayed / s,
@@ -273,9 +275,10 @@ def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
     plant = np.exp(-s * _THRUST_DELAY_S) / (1.0 + s * _THRUST_LAG_S)
     late = np.exp(-s * age_s)
     # What is predicted is what was asked for, before lag and delay.
-    gained = _gained(s, late, age_s)
+    carried_s = min(age_s, KEPT_S)
+    gained = _gained(s, carried_s)
     velocity = plant * late / s + (gained.velocity + CLIMB_LEAD_S) * high_pass
-    position = plant * (late / s**2 + age_s * late / s) + gained.place * high_pass
+    position = plant * (late / s**2 + carried_s * late / s) + gained.place * high_pass
     out: Frequencies = (gains.climb_1_s + gains.climb_integral_1_s2 / s) * (
         gains.height_1_s * position + velocity
     )

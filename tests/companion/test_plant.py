@@ -13,6 +13,7 @@ from flying import bench, with_plant
 from companion import refusals
 from companion.control import plant, swing_detector
 from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
+from companion.control.dead_reckoning import KEPT_S
 from companion.control.plant import (
     FULL,
     AttitudeLoop,
@@ -135,6 +136,17 @@ def test_late_positions_of_a_quick_loop_cost_no_gain_since_they_are_carried_on(l
     tuned = tune(loop, Timing(position_period_s=0.10, position_late_s=late_s))
     assert tuned.share == 1.0
     assert swings(tuned.gains, loop, tuned.age_s) < 0.05
+
+
+def test_a_position_older_than_is_carried_on_costs_gain():
+    """Counted as carried on for all of its age, 0.6 s were flown with half of the gains."""
+    loop = AttitudeLoop(0.05, 0.10)
+    shares = [
+        tune(loop, Timing(position_period_s=0.0, position_late_s=late_s)).share
+        for late_s in (KEPT_S, KEPT_S + 0.2)
+    ]
+    assert shares[0] > 0.6
+    assert shares[1] < refusals._LEAST_SHARE
 
 
 def test_no_other_pair_of_gains_with_the_margin_pushes_back_harder():
