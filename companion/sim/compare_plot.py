@@ -25,27 +25,26 @@ def write_plot(path: Path, found: LegComparison) -> None:
     for axis in ("height", "lateral"):
         panels[f"{axis} error [{UNITS[axis]}]"] = [_line(f, axis) for f in flights]
     title = f"sim:{found.scenario}, simulated, seed {found.seeds[0]}"
+    drawn = picture(title, panels, f"time of the script [s] ({title})", _bands(flights[0]))
     try:
-        path.write_text(
-            picture(title, panels, f"time of the script [s] ({title})", _bands(flights[0])), "utf-8"
-        )
+        path.write_text(drawn, "utf-8")
     except OSError as error:
         raise ConfigError(f"--plot {path}: cannot be written ({error.strerror})") from None
 
 
 def _line(flight: Flown, axis: str) -> Line:
     every = max(len(flight.time_s) // _POINTS, 1)
-    return Line(
-        flight.time_s[::every], flight.size(axis)[::every], _KINDS[flight.leg], flight.leg.value
-    )
+    time_s = flight.time_s[::every]
+    error = flight.size(axis)[::every]
+    return Line(time_s, error, _KINDS[flight.leg], flight.leg.value)
 
 
 def _bands(flight: Flown) -> list[Band]:
     """Where the vehicle stays low, at the wall and in the corner."""
-    edges = [0, *(np.flatnonzero(np.diff(flight.phase)) + 1).tolist(), len(flight.phase) - 1]
-    spans = [(a, b, PHASES[flight.phase[a]]) for a, b in pairwise(edges)]
-    return [
-        Band(float(flight.time_s[a]), float(flight.time_s[b]), "d", name)
-        for a, b, name in spans
-        if name != "between"
-    ]
+    changes = np.flatnonzero(np.diff(flight.phase)) + 1
+    out = []
+    for start, end in pairwise([0, *changes.tolist(), len(flight.phase) - 1]):
+        name = PHASES[flight.phase[start]]
+        if name != "between":
+            out.append(Band(float(flight.time_s[start]), float(flight.time_s[end]), "d", name))
+    return out

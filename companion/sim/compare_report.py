@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -49,10 +50,11 @@ class LegComparison:
     @property
     def legs(self) -> dict[Leg, list[Flown]]:
         """The flights of every leg that was flown."""
-        flown = {f.leg for f in self.flights}
         out = {}
-        for leg in (leg for leg in Leg if leg in flown):
-            out[leg] = [f for f in self.flights if f.leg is leg]
+        for leg in Leg:
+            flights = [f for f in self.flights if f.leg is leg]
+            if flights:
+                out[leg] = flights
         return out
 
     @property
@@ -63,7 +65,11 @@ class LegComparison:
     @property
     def phases(self) -> tuple[str | None, ...]:
         """All of an approach (None), and the phases that this scenario has."""
-        return None, *(p for p in PHASES if any(f.during(phase=p).any() for f in self.flights))
+        out: list[str | None] = [None]
+        for phase in PHASES:
+            if any(f.during(phase=phase).any() for f in self.flights):
+                out.append(phase)
+        return tuple(out)
 
     def error(self) -> dict[str, float]:
         """How wrong the model is, mean over the seeds."""
@@ -78,7 +84,10 @@ def spread(flights: Sequence[Flown], number: Callable[[Flown], float]) -> tuple[
     finite = [v for v in map(number, flights) if math.isfinite(v)]
     if not finite:
         return math.nan, math.nan
-    return float(np.mean(finite)), float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
+    mean = float(np.mean(finite))
+    if len(finite) == 1:
+        return mean, 0.0
+    return mean, float(np.std(finite, ddof=1))
 
 
 def resolved(flights: Sequence[Flown], axis: str) -> bool:
@@ -104,11 +113,9 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str,
     sum |e_off - e_free|^2, instant by instant on flights that share their noise: the same question, less scatter.
     """
     compared = (Leg.OFF, leg, Leg.FREE)
-    by_seed = []
-    for seed in sorted({f.seed for f in flights}):
-        by_seed.append({f.leg: f for f in flights if f.seed == seed})
     trios = []
-    for by_leg in by_seed:
+    for seed in sorted({f.seed for f in flights}):
+        by_leg = {f.leg: f for f in flights if f.seed == seed}
         if set(compared) <= set(by_leg):
             trios.append([by_leg[one] for one in compared])
     if not trios:
@@ -116,16 +123,31 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str,
     energy = {}
     paired = {}
     for axis in AXES:
-        off, on, free = np.sum([[f.rms(axis) ** 2 for f in trio] for trio in trios], axis=0)
-        energy[axis] = float(1.0 - (on - free) / (off - free)) if off > free else math.nan
-        whole = left = 0.0
-        for trio in trios:
-            n = min(len(f.time_s) for f in trio)
-            a, b, c = (getattr(f, axis)[:n] for f in trio)
-            whole = whole + float(np.sum((a - c) ** 2))
-            left = left + float(np.sum((b - c) ** 2))
-        paired[axis] = 1.0 - left / whole if whole > 0.0 else math.nan
+        energy[axis] = _share_of_energy(trios, axis)
+        paired[axis] = _share_of_pairs(trios, axis)
     return {"energy": energy, "paired": paired}
+
+
+def _share_of_energy(trios: Sequence[Sequence[Flown]], axis: str) -> float:
+    """Of flights (off, on, free) of each seed; NaN where the air adds nothing."""
+    off, on, free = np.sum([[f.rms(axis) ** 2 for f in trio] for trio in trios], axis=0)
+    if off > free:
+        return float(1.0 - (on - free) / (off - free))
+    return math.nan
+
+
+def _share_of_pairs(trios: Sequence[Sequence[Flown]], axis: str) -> float:
+    """The same, instant by instant."""
+    by_air = 0.0
+    left = 0.0
+    for trio in trios:
+        n = min(len(f.time_s) for f in trio)
+        off, on, free = [getattr(f, axis)[:n] for f in trio]
+        by_air += float(np.sum((off - free) ** 2))
+        left += float(np.sum((on - free) ** 2))
+    if by_air > 0.0:
+        return 1.0 - left / by_air
+    return math.nan
 
 
 def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) -> float:
@@ -172,18 +194,17 @@ def _leg_json(leg: Leg, flights: Sequence[Flown], found: LegComparison) -> dict[
 
 
 def _flight_json(flight: Flown, found: LegComparison) -> dict[str, Any]:
-    of_axis = {
-        axis: {"rms": round(flight.rms(axis), 3), "peak": round(flight.peak(axis), 3)}
-        for axis in AXES
-    }
-    return {
+    out: dict[str, Any] = {
         "seed": flight.seed,
         "leg": flight.leg.name.lower(),
         "touched_s": round(flight.touched_s, 2),
-        **of_axis,
-        "approaches": _approaches_json([flight], found),
-        **({"adapted": dict(flight.adapted)} if flight.adapted else {}),
     }
+    for axis in AXES:
+        out[axis] = {"rms": round(flight.rms(axis), 3), "peak": round(flight.peak(axis), 3)}
+    out["approaches"] = _approaches_json([flight], found)
+    if flight.adapted:
+        out["adapted"] = dict(flight.adapted)
+    return out
 
 
 def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dict[str, Any]]:
@@ -218,58 +239,85 @@ _CELL = 14
 
 def as_text(found: LegComparison) -> str:
     """The tables that a user reads."""
-    seeds = found.seeds
     wide = len(found.seeds) > 1
-    several = len(found.approaches) > 1
     wrong = ", ".join(f"{100.0 * share:.0f} % in {axis}" for axis, share in found.error().items())
-    if several:
-        of = f"{len(found.approaches)} approaches"
-    else:
-        of = "one approach"
-    if wide:
-        column = 13
-    else:
-        column = 9
     lines = [
-        f"sim:{found.scenario}, simulated, {of} in {found.flights[0].time_s[-1]:.0f} s, "
-        + (f"{len(seeds)} seeds, mean ± sd" if wide else f"seed {seeds[0]}")
-        + "; errors against the truth",
+        _what_flew(found),
         f"model: {found.model}, wrong about this air by {wrong}; no offsets: "
         f"{100.0 * WITHOUT_OFFSETS:.0f} % in each",
         "",
-        " " * _NAME + "".join(f"{axis + ' [' + UNITS[axis] + ']':>{2 * column}}" for axis in AXES),
-        " " * _NAME + "".join(f"{'RMS':>{column}}{'peak':>{column}}" for _ in AXES) + "  touched",
-    ]
-    lines += [_leg_line(leg, flights, column, wide) for leg, flights in found.legs.items()]
-    lines += [
+        *_leg_table(found, wide),
         "",
-        f"{'RMS height / lateral [mm]':{_NAME}}"
-        + "".join(f"{p or 'all':>{_CELL}}" for p in found.phases),
+        *_phase_table(found),
+        *_shares(found),
+        "",
+        *_READING,
     ]
+    if not wide:
+        lines += _ONE_SEED
+    return "\n".join(lines)
+
+
+def _what_flew(found: LegComparison) -> str:
+    """The first line: scenario, length and seeds."""
+    approaches = "one approach"
+    if len(found.approaches) > 1:
+        approaches = f"{len(found.approaches)} approaches"
+    seeds = f"seed {found.seeds[0]}"
+    if len(found.seeds) > 1:
+        seeds = f"{len(found.seeds)} seeds, mean ± sd"
+    length_s = found.flights[0].time_s[-1]
+    return (
+        f"sim:{found.scenario}, simulated, {approaches} in {length_s:.0f} s, {seeds}; errors "
+        "against the truth"
+    )
+
+
+def _leg_table(found: LegComparison, wide: bool) -> list[str]:
+    """RMS and peak of each leg."""
+    column = 13 if wide else 9
+    axes = " " * _NAME
+    numbers = " " * _NAME
+    for axis in AXES:
+        axes += f"{f'{axis} [{UNITS[axis]}]':>{2 * column}}"
+        numbers += f"{'RMS':>{column}}{'peak':>{column}}"
+    lines = [axes, f"{numbers}  touched"]
+    for leg, flights in found.legs.items():
+        lines.append(_leg_line(leg, flights, column, wide))
+    return lines
+
+
+def _phase_table(found: LegComparison) -> list[str]:
+    """RMS of each leg by phase, approach by approach where there are several."""
+    head = f"{'RMS height / lateral [mm]':{_NAME}}"
+    for phase in found.phases:
+        head += f"{phase or 'all':>{_CELL}}"
+    lines = [head]
+    several = len(found.approaches) > 1
     for leg, flights in found.legs.items():
         if several:
             lines.append(leg.value)
         for k in found.approaches:
-            cells = (
-                f"{_rms(flights, 'height', k, p):.1f} / {_rms(flights, 'lateral', k, p):.1f}"
-                for p in found.phases
-            )
-            if several:
-                name = f"  approach {k}"
-            else:
-                name = leg.value
-            lines.append(f"{name:{_NAME}}" + "".join(f"{cell:>{_CELL}}" for cell in cells))
+            line = f"{f'  approach {k}' if several else leg.value:{_NAME}}"
+            for phase in found.phases:
+                height = _rms(flights, "height", k, phase)
+                lateral = _rms(flights, "lateral", k, phase)
+                line += f"{f'{height:.1f} / {lateral:.1f}':>{_CELL}}"
+            lines.append(line)
+    return lines
+
+
+def _shares(found: LegComparison) -> list[str]:
+    """How much of the error that the air causes each leg with offsets removes."""
+    lines = []
+    clear = [axis for axis in AXES if resolved(found.flights, axis)]
     for leg, words in OFFSETS.items():
         part = air_part(found.flights, leg)
         if part is not None:
             lines += ["", f"of the error that the air causes, {words}"]
-            clear = [axis for axis in AXES if resolved(found.flights, axis)]
             lines += [_part_line(WAYS[way], shares, clear) for way, shares in part.items()]
             lines += [_unclear_line(found, axis) for axis in AXES if axis not in clear]
-    lines += ["", *_READING]
-    if not wide:
-        lines += _ONE_SEED
-    return "\n".join(lines)
+    return lines
 
 
 def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> str:
@@ -282,14 +330,14 @@ def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> st
         else:
             digits = 1
         for number in ("rms", "peak"):
-            mean, sd = spread(flights, lambda f, number=number, axis=axis: getattr(f, number)(axis))  # type: ignore[misc]
+            mean, sd = spread(flights, operator.methodcaller(number, axis))
+            cell = f"{mean:.{digits}f}"
             if wide:
-                cell = f"{mean:.{digits}f} ± {sd:.{digits}f}"
-            else:
-                cell = f"{mean:.{digits}f}"
+                cell += f" ± {sd:.{digits}f}"
             cells += f"{cell:>{column}}"
-    touched, _ = spread(flights, lambda f: f.touched_s)
-    return f"{leg.value:{_NAME}}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}"
+    touched_s, _ = spread(flights, lambda f: f.touched_s)
+    touched = f"{touched_s:.1f} s" if touched_s > 0.05 else "-"
+    return f"{leg.value:{_NAME}}{cells}{touched:>9}"
 
 
 def _part_line(name: str, shares: Mapping[str, float], clear: Sequence[str]) -> str:

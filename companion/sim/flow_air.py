@@ -54,7 +54,8 @@ class FlowAir:
     def _cell(self, axis: int, value: float) -> tuple[int, float]:
         """The knot below a distance, and how far it is towards the next."""
         low = self._low[axis]
-        at = (min(max(math.log(max(value, 1e-3)), low), self._high) - low) * self._per_knot[axis]
+        log_value = min(max(math.log(max(value, 1e-3)), low), self._high)
+        at = (log_value - low) * self._per_knot[axis]
         k = min(int(at), _KNOTS - 2)
         return k, at - k
 
@@ -69,7 +70,8 @@ def _shares(data: DataSet, radius_m: float) -> tuple[Array, Array]:
     """Places (n, 2), log radii, and increments (n, 6) over lift, lift times radius and torque, at hover's speed."""
     rows = data.take(data.rpm == RPM_HOVER)
     free = rows.wrench[rows.free_air][0]
-    unit = free[2] * np.array([1.0, 1.0, 1.0, radius_m, radius_m, radius_m * PAPER_CQ / PAPER_CT])
+    torque = radius_m * PAPER_CQ / PAPER_CT
+    unit = free[2] * np.array([1.0, 1.0, 1.0, radius_m, radius_m, torque])
     place = np.stack([rows.h, rows.d], axis=1) / radius_m
     return np.log(np.minimum(place, FREE_RADII)), (rows.wrench - free) / unit
 

@@ -69,9 +69,11 @@ def _true_shares(truth: SurfaceLaw, vehicle: Vehicle, state: AirState) -> Array:
     radius = vehicle.rotor_radius_m
     each = 1.0 / len(vehicle.fans)
     for fan, h_m, d_m in zip(vehicle.fans, state.h_m.tolist(), state.d_m.tolist(), strict=True):
-        i = truth.increments(h_m / radius, d_m / radius)
-        wrench = each * np.array([i.x, i.y, i.z, radius * i.mx, radius * i.my, 0.0])
-        total += at_cg(corner_to_body(wrench, state.wall_bearing_rad), fan.position_m)
+        own = truth.increments(h_m / radius, d_m / radius)
+        moments = (radius * own.mx, radius * own.my, 0.0)
+        wrench = each * np.array([own.x, own.y, own.z, *moments])
+        in_body = corner_to_body(wrench, state.wall_bearing_rad)
+        total += at_cg(in_body, fan.position_m)
     return total
 
 

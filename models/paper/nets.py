@@ -78,17 +78,9 @@ def _table_2(result: Comparison) -> Exhibit:
     for method in PAPER_METHODS:
         for axis in AXES:
             cell = scores[method][axis]
-            of_paper = published[method][axis]
-            rows.append(
-                (
-                    method,
-                    axis,
-                    _number(cell["train"]),
-                    _number(cell["test"]),
-                    f"{of_paper[0]:.3f}",
-                    f"{of_paper[1]:.3f}",
-                )
-            )
+            ours = (_number(cell["train"]), _number(cell["test"]))
+            theirs = [f"{value:.3f}" for value in published[method][axis]]
+            rows.append((method, axis, *ours, *theirs))
     mean = {}
     for method in PAPER_METHODS:
         tested = [scores[method][axis]["test"] for axis in live]
@@ -112,19 +104,22 @@ def _number(value: float | None) -> str:
 
 
 def _regressions(result: Comparison, *, tested: bool) -> Exhibit:
-    part = "test" if tested else "train"
+    if tested:
+        part = "test"
+        title = "fig. 15: answers over truth, held-out rows"
+    else:
+        part = "train"
+        title = "fig. 14: answers over truth, learnt rows"
     scores = result.numbers["r2"]
     lift = {method: scores[method]["Fz"][part] for method in PAPER_METHODS}
     published = paper_r2()
     said = ", ".join(f"{published[method]['Fz'][tested]:.3f}" for method in PAPER_METHODS)
     ours = [value for value in lift.values() if value is not None]
+    listed = [f"{method} {_number(value)}" for method, value in lift.items()]
     return Exhibit(
-        title="fig. 15: answers over truth, held-out rows"
-        if tested
-        else "fig. 14: answers over truth, learnt rows",
+        title=title,
         paper=f"R² of the lift {said} for {', '.join(PAPER_METHODS)}: each better than the last",
-        here="R² of the lift's increment: "
-        + ", ".join(f"{method} {_number(value)}" for method, value in lift.items()),
+        here=f"R² of the lift's increment: {', '.join(listed)}",
         verdict=judged(len(ours) == len(lift) and ours == sorted(ours)),
         plots=tuple(regression(result, method, tested=tested) for method in PAPER_METHODS),
     )
@@ -192,7 +187,8 @@ def _surface(data: DataSet, result: Comparison, method: str) -> Array:
     problem = result.tasks[0].problem
     h, d = np.meshgrid(_grid(data.h), _grid(data.d), indexing="ij")
     x, gate = problem.coordinates.inputs(h.ravel(), d.ravel(), np.full(h.size, RPM))
-    increment = gate[:, LIFT] * result.first[method].predict(x)[0][:, LIFT]
+    answer, _ = result.first[method].predict(x)
+    increment = gate[:, LIFT] * answer[:, LIFT]
     lift = (1.0 + increment) * problem.free_air.lift(RPM)
     return np.asarray(lift).reshape(GRID, GRID)
 

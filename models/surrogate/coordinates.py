@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from models.common.frames import Array
 from models.dataset import DataSet, place_means
@@ -102,16 +103,22 @@ def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, flo
         return near, BEYOND_DATA * outer
     excess = increments - _effect_of_other(other[alone], increments[alone], other)
     scale = np.abs(increments).max(axis=0)
-    size = np.sum((excess / np.where(scale > 0.0, scale, 1.0)) ** 2, axis=1) / max(
-        np.count_nonzero(scale), 1
-    )
+    relative = excess / np.where(scale > 0.0, scale, 1.0)
+    square = np.sum(relative**2, axis=1) / max(np.count_nonzero(scale), 1)
     # RMS over all rows at a distance or beyond, for every distance in the data from the nearest outwards.
     places, index = np.unique(distance[finite], return_inverse=True)
-    total = np.bincount(index, weights=size[finite])[::-1].cumsum()[::-1] + size[alone].sum()
-    count = np.bincount(index)[::-1].cumsum()[::-1] + int(alone.sum())
+    total = _from_there_on(np.bincount(index, weights=square[finite])) + square[alone].sum()
+    count = _from_there_on(np.bincount(index)) + int(alone.sum())
     over = np.sqrt(total / count) < OVER_SHARE
     over[0] = False
-    return near, float(places[np.argmax(over)]) if over.any() else BEYOND_DATA * outer
+    if over.any():
+        return near, float(places[np.argmax(over)])
+    return near, BEYOND_DATA * outer
+
+
+def _from_there_on(values: NDArray[Any]) -> NDArray[Any]:
+    """Sums (n,) of each value and all behind it."""
+    return values[::-1].cumsum()[::-1]
 
 
 def _effect_of_other(at: Array, increments: Array, query: Array) -> Array:

@@ -44,7 +44,7 @@ def identity_of(info: Mapping[str, Any]) -> FanIdentity | None:
     try:
         if fan is None:
             return None
-        return FanIdentity(*(float(fan[k]) for k in ("radius_m", "lip_radius_m", "ct")))
+        return FanIdentity(float(fan["radius_m"]), float(fan["lip_radius_m"]), float(fan["ct"]))
     except (TypeError, KeyError, ValueError):
         return None
 
@@ -58,14 +58,16 @@ def contradictions(vehicle: Vehicle, model: FanSurrogate) -> tuple[str, ...]:
     out = []
     fan = identity_of(model.info)
     if fan is not None:
+        lips = {declared.lip_radius_m for declared in vehicle.fans}
         for what, own, declared, share in (
             ("rotor", fan.radius_m, {vehicle.rotor_radius_m}, _RADIUS_SHARE),
-            ("lip", fan.lip_radius_m, {f.lip_radius_m for f in vehicle.fans}, _LIP_SHARE),
+            ("lip", fan.lip_radius_m, lips, _LIP_SHARE),
         ):
             if any(abs(own - radius) > share * max(own, radius) for radius in declared):
                 listed = " and ".join(f"{radius:g}" for radius in sorted(declared))
                 out.append(f"{what} radius {own:g} m in the model, {listed} m in the vehicle file")
-    ratio, (low, high) = lift_over_weight(vehicle, model), BY_COEFFICIENT
+    ratio = lift_over_weight(vehicle, model)
+    low, high = BY_COEFFICIENT
     if ratio is not None and not low <= ratio <= high:
         out.append(f"modelled lift at hover is {ratio:.2g} times the weight")
     return tuple(out)

@@ -64,17 +64,20 @@ def fit(data: DataSet) -> FreeAir:
             f"frame), not {lift[worst]:g} N at {rpm[worst]:g} rpm"
         )
     rpm_ref = float(np.exp(np.mean(np.log(rpm))))
-    x = np.log(rpm / rpm_ref)
-    y = np.log(lift / (rpm / rpm_ref) ** 2)
+    speed = rpm / rpm_ref
+    x = np.log(speed)
+    y = np.log(lift / speed**2)
     if np.ptp(rpm) > 1e-6 * rpm_ref:
         exponent = float(x @ y / (x @ x))
     else:
         exponent = 0.0
     lift_n = float(np.exp(np.mean(y - exponent * x)))
-    ratio = data.wrench / (lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent))[:, None]
+    lift_of_rows = lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent)
+    ratio = data.wrench / lift_of_rows[:, None]
     share = ratio[rows].mean(axis=0)
     share[2] = 1.0
-    share[HORIZONTAL & ~_standing(data, ratio)[0]] = 0.0
+    own, _ = _standing(data, ratio)
+    share[HORIZONTAL & ~own] = 0.0
     scatter = np.sqrt(np.mean((ratio[rows] - share) ** 2, axis=0))
     return FreeAir(
         lift_n=lift_n,
@@ -106,10 +109,11 @@ def level(data: DataSet) -> DataSet:
 
 def _standing(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
     """Which horizontal components (6,) the fan has of itself, and the offset (6,) of those it has not."""
+    mean = np.zeros(6)
+    error = np.zeros(6)
     alone = np.isinf(data.d)
-    mean, error = (
-        mean_over_places(ratio[alone], data.h[alone]) if alone.any() else (np.zeros(6), np.zeros(6))
-    )
+    if alone.any():
+        mean, error = mean_over_places(ratio[alone], data.h[alone])
     stands = HORIZONTAL & (np.abs(mean) > np.maximum(SIGNIFICANT * error, 1e-9))
     own = stands & (np.abs(mean) > ASYMMETRY_SHARE * np.abs(ratio).max(axis=0))
     return own, np.where(stands & ~own, mean, 0.0)
@@ -133,11 +137,8 @@ def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
         return free, "free-air rows"
     far = np.ones(len(data), dtype=bool)
     for distance in (data.h, data.d):
-        far &= (
-            distance >= OUTER_SHARE * distance.max()
-            if np.isfinite(distance.max())
-            else np.isinf(distance)
-        )
+        # An infinite largest distance is reached by infinite ones alone.
+        far &= distance >= OUTER_SHARE * distance.max()
     if not far.any():
         reach = np.hypot(np.minimum(data.h, 1e3), np.minimum(data.d, 1e3))
         far = reach >= OUTER_SHARE * reach.max()

@@ -42,7 +42,8 @@ class Process:
         """Mean and standard deviation (m, 6) at x (m, 3), zero in columns of other processes."""
         k = _correlation(x, self.rows, self.lengths)
         known = ((k @ self.root.T) ** 2).sum(axis=1)
-        return k @ self.weights, np.sqrt(np.clip(1.0 - known, 0.0, 1.0))[:, None] * self.deviation
+        left = np.sqrt(np.clip(1.0 - known, 0.0, 1.0))
+        return k @ self.weights, left[:, None] * self.deviation
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,12 @@ class KrigingRegressor:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> KrigingRegressor:
         """Inverse of ``arrays``."""
-        names = tuple(Process.__dataclass_fields__)
         count = sum(name.startswith("rows_") for name in arrays)
-        return cls(
-            tuple(Process(**{name: arrays[f"{name}_{i}"] for name in names}) for i in range(count))
-        )
+        processes = []
+        for i in range(count):
+            own = {name: arrays[f"{name}_{i}"] for name in Process.__dataclass_fields__}
+            processes.append(Process(**own))
+        return cls(tuple(processes))
 
 
 def fit(
@@ -123,20 +125,21 @@ def _fit_process(
     deviation = np.sqrt(weight @ target**2 / weight.sum())
     target = target / deviation
     noise = DATA_ACCURACY**2 / weight
-    kernel = ConstantKernel(1.0, (0.1, 1e4)) * RBF(
-        np.array([0.5, 0.5, 2.0]), (0.1, 20.0)
-    ) + WhiteKernel(1e-4, (1e-9, 1.0))
+    signal = ConstantKernel(1.0, (0.1, 1e4)) * RBF(np.array([0.5, 0.5, 2.0]), (0.1, 20.0))
+    kernel = signal + WhiteKernel(1e-4, (1e-9, 1.0))
     _, first = np.unique(locations[chosen], return_index=True)
     few = np.sort(first)[:ROWS_FOR_LENGTHS]
     with warnings.catch_warnings():
         # A length scale at its bound says that an input does not matter, or that the data are too few to tell.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        fitted = GaussianProcessRegressor(kernel, alpha=noise[few]).fit(x[chosen[few]], target[few])
+        regressor = GaussianProcessRegressor(kernel, alpha=noise[few])
+        fitted = regressor.fit(x[chosen[few]], target[few])
     lengths = np.asarray(fitted.kernel_.k1.k2.length_scale, dtype=float)
     variance = float(fitted.kernel_.k1.k1.constant_value)
     nugget = float(fitted.kernel_.k2.noise_level)
+    same_place = locations[chosen, None] == locations[chosen]
     covariance = _correlation(x[chosen], x[chosen], lengths)
-    covariance += nugget / variance * (locations[chosen, None] == locations[chosen])
+    covariance += nugget / variance * same_place
     covariance[np.diag_indices_from(covariance)] += noise / variance
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     weights = np.zeros((len(chosen), 6))

@@ -69,8 +69,9 @@ def _factors(inputs: int, degree: int) -> NDArray[np.int_]:
 def fit(x: Array, y: Array, gate: Array, degree: int) -> PolynomialRegressor:
     """Least squares of gate (n, 6) x polynomial(x) on the increments y (n, 6); inputs x (n, 3) in [-1, 1]."""
     basis = monomials(x, degree)
-    coefficients = np.stack(
-        [np.linalg.lstsq(basis * gate[:, [c]], y[:, c], rcond=None)[0] for c in range(6)], axis=1
-    )
-    residual = np.sqrt(np.mean((gate * (basis @ coefficients) - y) ** 2, axis=0))
+    coefficients = np.zeros((basis.shape[1], 6))
+    for c in range(6):
+        coefficients[:, c], *_ = np.linalg.lstsq(basis * gate[:, [c]], y[:, c], rcond=None)
+    error = gate * (basis @ coefficients) - y
+    residual = np.sqrt(np.mean(error**2, axis=0))
     return PolynomialRegressor(degree, coefficients, residual)

@@ -77,22 +77,25 @@ def learn(records: Sequence[Record]) -> Baseline:
     best = walked.best
     found = []
     explained = [np.zeros_like(r.residual) for r in records]
-    for t in best.of_effects:
-        for f in t.places:
-            x, _ = walked.evidence.library.wrenches(t, f)
-            b = best.sizes(t, f)
-            explained[f] += x @ b
-        found.append(AdoptedEffect(t.name, t.named.parameters(b, t.shape)))
-    left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
-    sizes = as_flown(usual(effects, found, records[0]), left)
-    return Baseline(tuple(records), tuple(found), tuple(sizes))
+    for term in best.of_effects:
+        for flight in term.places:
+            wrenches, _ = walked.evidence.library.wrenches(term, flight)
+            sizes = best.sizes(term, flight)
+            explained[flight] += wrenches @ sizes
+        found.append(AdoptedEffect(term.name, term.named.parameters(sizes, term.shape)))
+    left = []
+    for record, wrench in zip(records, explained, strict=True):
+        left.append(replace(record, residual=record.residual - wrench))
+    spread = as_flown(usual(effects, found, records[0]), left)
+    return Baseline(tuple(records), tuple(found), tuple(spread))
 
 
 def changes(good: Baseline, today: Record) -> tuple[Change, ...]:
     """What is not as it was, the likeliest first; empty where nothing lies outside the good flights' own spread."""
     evidence, candidates, fit = _beside(good, today)
     for _ in range(MOST):
-        gain, best = max(_grown(evidence, fit, candidates), key=lambda g: g[0], default=(0.0, fit))
+        grown = _grown(evidence, fit, candidates)
+        gain, best = max(grown, key=lambda pair: pair[0], default=(0.0, fit))
         if gain < SURE:
             break
         fit = best
@@ -108,26 +111,26 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
         own = get(adopted.name).shapes
         shapes[adopted.name] = tuple(adopted.parameters[s.name] for s in own)
     effects = []
-    for e in _without_remainder():
+    for effect in _without_remainder():
         # A load counts as a change; the weather of a flight is in the spread.
-        if not e.belongs_to.of_day or e.name in shapes:
-            effects.append(_with_shape(_shared(e), shapes.get(e.name)))
-    for e in catalogue():
-        if e.belongs_to in OF_A_VEHICLE and not e.law:
-            effects.append(_changed(e, e.name in shapes, today.context))
+        if not effect.belongs_to.of_day or effect.name in shapes:
+            effects.append(_with_shape(_shared(effect), shapes.get(effect.name)))
+    for effect in catalogue():
+        if effect.belongs_to in OF_A_VEHICLE and not effect.law:
+            effects.append(_changed(effect, effect.name in shapes, today.context))
     spread = []
-    for r in flights:
-        spread.append([size.wrench(r) for size in good.sizes])
+    for flight in flights:
+        spread.append([size.wrench(flight) for size in good.sizes])
     evidence = Evidence(Library(flights, effects, spread))
     candidates = []
     start = []
-    for i, t in enumerate(evidence.library.terms):
-        if t.effect is None:
+    for i, term in enumerate(evidence.library.terms):
+        if term.effect is None:
             continue
-        if t.flight in (None, last):
+        if term.flight in (None, last):
             candidates.append(i)
-        if t.flight is None and t.shape == shapes.get(t.name):
-            start.append(t)
+        if term.flight is None and term.shape == shapes.get(term.name):
+            start.append(term)
     return evidence, candidates, evidence.fit(start, evidence.unfitted())
 
 
@@ -138,8 +141,10 @@ def _without_remainder() -> list[Effect]:
 
 def _other_shape(term: Term, fit: Fit) -> bool:
     """Whether a change would only bend what all flights have in common: that is a matter of its form."""
-    continuous = any(s.continuous for s in term.named.shapes)
-    return continuous and any(t.name == term.name and t.shape != term.shape for t in fit.terms)
+    if not any(shape.continuous for shape in term.named.shapes):
+        return False
+    shared = [one.shape for one in fit.terms if one.name == term.name]
+    return any(shape != term.shape for shape in shared)
 
 
 def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
@@ -178,38 +183,41 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tupl
 def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Change]:
     """Changes of a set with their sizes, and what could stand in place of each."""
     out = []
-    for t in fit.terms:
-        if t.flight is None:
+    for term in fit.terms:
+        if term.flight is None:
             continue
-        less = evidence.fit(fit.beside(t), fit.noise)
-        log_odds = _log_odds(evidence, fit, less, t)
+        less = evidence.fit(fit.beside(term), fit.noise)
+        log_odds = _log_odds(evidence, fit, less, term)
         if log_odds < SURE:
             continue
-        near = []
+        rivals = []
         for odds, grown in _grown(evidence, less, candidates):
             rival = grown.terms[-1]
-            if rival.key != t.key and rival.flight is not None and odds > log_odds - NEAR:
-                near.append((odds, rival.name))
-        near.sort(key=lambda pair: -pair[0])
+            if rival.key != term.key and rival.flight is not None and odds > log_odds - NEAR:
+                rivals.append((odds, rival.name))
+        rivals.sort(key=lambda pair: -pair[0])
         probability = min(float(expit(log_odds)), MOST_SURE)
         change = Change(
-            effect=get(t.name),
-            estimates=_said(fit, t, evidence.library.records[t.flight].context),
+            effect=get(term.name),
+            estimates=_said(fit, term, evidence.library.records[term.flight].context),
             probability=round(probability, 3),
-            aliases=tuple(name for _, name in near),
+            aliases=tuple(name for _, name in rivals),
         )
         out.append((log_odds, change))
-    return [change for _, change in sorted(out, key=lambda p: -p[0])]
+    out.sort(key=lambda pair: -pair[0])
+    return [change for _, change in out]
 
 
 def _said(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...]:
     """Sizes as people say them, by draws of every coefficient within its interval."""
     fitted = _estimates(fit, term)
     normal = np.random.default_rng(0).standard_normal((DRAWS, len(fitted)))
-    draws = {e.name: np.full(DRAWS, e.value) for e in fitted}
-    for i, e in enumerate(fitted):
-        if e.ci95 is not None:
-            draws[e.name] = e.value + normal[:, i] * (e.ci95[1] - e.ci95[0]) / (2.0 * SIDE)
+    draws = {}
+    for i, one in enumerate(fitted):
+        draws[one.name] = np.full(DRAWS, one.value)
+        if one.ci95 is not None:
+            low, high = one.ci95
+            draws[one.name] = one.value + normal[:, i] * (high - low) / (2.0 * SIDE)
     return in_shares(said(term.named, context, fitted, draws), context.vehicle)
 
 

@@ -104,6 +104,7 @@ def flightlog(data: Dataflash) -> FlightLog:
     vibration = _of(data.of("VIBE"), "IMU")
     gps = _of(data.of("GPS"), "I")
     modes = data.of("MODE")
+    mode_field = "ModeNum" if "ModeNum" in modes else "Mode"
     return FlightLog(
         path=data.path,
         system=1,
@@ -127,7 +128,7 @@ def flightlog(data: Dataflash) -> FlightLog:
         gps_fix=gps.series(gps.column("Status")),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
         armed=armed,
-        modes=runs(modes.t_s, _whole(modes, "ModeNum" if "ModeNum" in modes else "Mode", 0), end),
+        modes=runs(modes.t_s, _whole(modes, mode_field, 0), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters=parameters,
         parameter_changes=changes,
@@ -256,7 +257,8 @@ def _imu_name(data: Dataflash, instance: int) -> str:
 
 def _angles(messages: Messages, *names: str) -> Series | None:
     """ATT's angles [deg] as quaternions."""
-    return messages.series(unflipped(quaternions(np.radians(messages.columns(*names)))))
+    euler = np.radians(messages.columns(*names))
+    return messages.series(unflipped(quaternions(euler)))
 
 
 def _imus(data: Dataflash) -> tuple[ImuRecord, ...]:
@@ -265,10 +267,7 @@ def _imus(data: Dataflash) -> tuple[ImuRecord, ...]:
         messages = data.of(kind)
         for instance in np.unique(_whole(messages, "I", 0)).tolist():
             own = _of(messages, "I", instance)
-            if instance:
-                source = f"{kind}:{instance}"
-            else:
-                source = kind
+            source = f"{kind}:{instance}" if instance else kind
             record = imu_record(
                 source,
                 own.series(own.columns("AccX", "AccY", "AccZ"), source),
@@ -391,20 +390,23 @@ def _thrust(tuning: Messages) -> Series | None:
 
 def _beams(ranges: Messages) -> tuple[Beam, ...]:
     """RFND: one message per sensor (Instance, Dist, Stat, Orient), or two sensors in one (Dist1, Orient1 ...)."""
-    columns = [
-        ("Dist", _whole(ranges, "Instance", 0), "Orient", _whole(ranges, "Stat", _RANGE_GOOD))
-    ] + [
-        (f"Dist{i}", np.full(len(ranges), i - 1), f"Orient{i}", np.full(len(ranges), _RANGE_GOOD))
-        for i in (1, 2)
-    ]
+    good = np.full(len(ranges), _RANGE_GOOD)
+    first = np.zeros(len(ranges), np.int64)
+    columns = (
+        ("Dist", _whole(ranges, "Instance", 0), "Orient", _whole(ranges, "Stat", _RANGE_GOOD)),
+        ("Dist1", first, "Orient1", good),
+        ("Dist2", first + 1, "Orient2", good),
+    )
     out: dict[tuple[int, int], Beam] = {}
     for field, sensor, facing, status in columns:
         orientation = _whole(ranges, facing, _UNKNOWN)
-        for key in sorted(set(zip(sensor.tolist(), orientation.tolist(), strict=True))):
-            own = (sensor == key[0]) & (orientation == key[1]) & np.isfinite(ranges.column(field))
-            beam = _beam(*key, ranges.where(own), field, status[own])
-            out |= {} if beam is None else {key: beam}
-    return tuple(beam for _, beam in sorted(out.items(), key=lambda item: item[0]))
+        known = np.isfinite(ranges.column(field))
+        for number, direction in set(zip(sensor.tolist(), orientation.tolist(), strict=True)):
+            own = (sensor == number) & (orientation == direction) & known
+            beam = _beam(number, direction, ranges.where(own), field, status[own])
+            if beam is not None:
+                out[number, direction] = beam
+    return tuple(out[key] for key in sorted(out))
 
 
 def _beam(
@@ -415,12 +417,13 @@ def _beam(
     series = own.series(np.stack([own.column(field), status], axis=-1))
     if direction is None or series is None:
         return None
-    beam = range_beam(
-        direction, (1, sensor, orientation), Series(series.t_s, series.values[:, :1], series.source)
-    )
+    readings = Series(series.t_s, series.values[:, :1], series.source)
+    beam = range_beam(direction, (1, sensor, orientation), readings)
     states = series.values[:, 1].astype(int).tolist()
-    verdicts = tuple(_RANGE_STATES.get(s, v) for s, v in zip(states, beam.verdicts, strict=True))
-    return replace(beam, verdicts=verdicts)
+    verdicts = []
+    for state, verdict in zip(states, beam.verdicts, strict=True):
+        verdicts.append(_RANGE_STATES.get(state, verdict))
+    return replace(beam, verdicts=tuple(verdicts))
 
 
 def _escs(data: Dataflash) -> dict[int, EscRecord]:
@@ -438,18 +441,16 @@ def _escs(data: Dataflash) -> dict[int, EscRecord]:
     out = {}
     for esc, own in sorted(by_esc.items()):
         if np.nan_to_num(own.column("RPM")).any():
-            out[esc] = EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp")))
+            speeds = own.series(own.column("RPM"), "ESC")
+            out[esc] = EscRecord(speeds, own.series(own.column("Temp"), "ESC"))
     return out
 
 
 def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:
     number = _whole(events, "Id", -1)
     known = np.isin(number, list(meaning))
-    return runs(
-        events.t_s[known],
-        np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64),
-        end,
-    )
+    meant = np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64)
+    return runs(events.t_s[known], meant, end)
 
 
 def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:

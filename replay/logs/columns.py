@@ -138,13 +138,16 @@ def range_beam(
     the readings show it.
     """
     distance = readings.values[:, 0]
-    low, high = limits if limits[1] > 0.0 else (math.nan, math.nan)
+    low, high = limits
+    if not high > 0.0:
+        low = high = math.nan
     if quality is None:
         quality = np.zeros(len(distance), int)
     if step_m is None:
         step_m = smallest_step(distance)
-    pairs = zip(distance.tolist(), quality.tolist(), strict=True)
-    verdicts = tuple(range_verdict(value, low, high, int(q), True) for value, q in pairs)
+    verdicts = []
+    for value, share in zip(distance.tolist(), quality.tolist(), strict=True):
+        verdicts.append(range_verdict(value, low, high, int(share), True))
     component, sensor_id, orientation = sensor
     return Beam(
         direction_frd=direction,
@@ -153,7 +156,7 @@ def range_beam(
         orientation=orientation,
         source=readings.source,
         distance=readings,
-        verdicts=verdicts,
+        verdicts=tuple(verdicts),
         min_m=low,
         max_m=high,
         sigma_m=sigma_m,
@@ -178,7 +181,8 @@ def clipped_at_extreme(values: Array) -> int:
         known = axis[np.isfinite(axis)]
         if known.size and known.max() >= _CLIP_AT_M_S2:
             hits = int((known == known.max()).sum())
-            total += hits if hits >= _CLIP_HITS else 0
+            if hits >= _CLIP_HITS:
+                total += hits
     return total
 
 
@@ -217,7 +221,8 @@ def believable(t_s: Array) -> Array:
     known = known[~far]
     if known.size < 2 or np.median(np.abs(np.diff(out[known]))) > _SPARSE_S:
         return out
-    out[known[outliers(np.rint(out[known] * 1e6).astype(np.int64), _STRAY_US)]] = np.nan
+    stamps_us = np.rint(out[known] * 1e6).astype(np.int64)
+    out[known[outliers(stamps_us, _STRAY_US)]] = np.nan
     return out
 
 
@@ -251,16 +256,19 @@ def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]
         return ()
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
     ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
-    return tuple(
-        Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True)
-    )
+    out = []
+    for start, end in zip(starts, ends, strict=True):
+        out.append(Interval(float(t_s[start]), float(end), int(values[start])))
+    return tuple(out)
 
 
 def mounting(q: Array) -> tuple[float, float, float, float]:
     """The first quaternion of (n, 4) that is one, zeros where none is: some senders give a sensor's only once."""
     with np.errstate(invalid="ignore"):
         sound = np.abs(np.linalg.norm(q, axis=1) - 1.0) < _UNIT
-    w, x, y, z = q[sound.argmax()].tolist() if sound.any() else (0.0,) * 4
+    if not sound.any():
+        return (0.0, 0.0, 0.0, 0.0)
+    w, x, y, z = q[sound.argmax()].tolist()
     return (w, x, y, z)
 
 
@@ -275,7 +283,8 @@ def unflipped(q: Array) -> Array:
         # With the last one before them, so that the sign goes on.
         chain = np.concatenate([last, own[known]])
         dots = np.einsum("ij,ij->i", chain[1:], chain[:-1])
-        signs = sign * np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))])
+        flips = np.where(dots < 0.0, -1.0, 1.0)
+        signs = sign * np.concatenate([[1.0], np.cumprod(flips)])
         if known.any():
             own[known] *= signs[len(last) :, None]
             last = chain[-1:]
@@ -286,6 +295,7 @@ def unflipped(q: Array) -> Array:
 
 def _of_length_1(q: Array) -> Array:
     """Quaternions (n, 4) of length 1, NaN for what is none."""
-    norm = np.linalg.norm(np.where(np.abs(q) < 2.0, q, np.nan), axis=1, keepdims=True)
+    believable_q = np.where(np.abs(q) < 2.0, q, np.nan)
+    norm = np.linalg.norm(believable_q, axis=1, keepdims=True)
     sound = (norm > 0.9) & (norm < 1.1)
     return np.where(sound, q / np.where(sound, norm, 1.0), np.nan)

@@ -81,12 +81,10 @@ def _by_window(
     """Rows (m,) of the same window as one: its number, the smallest difference, the sum of places, the count."""
     order = np.argsort(window, kind="stable")
     numbers, first = np.unique(window[order], return_index=True)
-    return (
-        numbers,
-        np.minimum.reduceat(smallest[order], first),
-        np.add.reduceat(places[order], first),
-        np.add.reduceat(count[order], first),
-    )
+    least = np.minimum.reduceat(smallest[order], first)
+    sums = np.add.reduceat(places[order], first)
+    counts = np.add.reduceat(count[order], first)
+    return numbers, least, sums, counts
 
 
 def boots(log: Tlog, system: int) -> Iterator[tuple[Tlog, BootAxis]]:
@@ -94,12 +92,14 @@ def boots(log: Tlog, system: int) -> Iterator[tuple[Tlog, BootAxis]]:
     place, stamp_ms = _main_stamps(log, system)
     back = places_of(stamp_ms, lambda steps: steps < -_BACK_MS)
     following = np.minimum(back[:, None] + np.arange(1, _DECIDING + 1), len(stamp_ms) - 1)
-    lasting = back[stamp_ms[back] - stamp_ms[following].max(axis=1) > _BACK_MS]
-    starts = place[lasting + 1]
+    lasts = stamp_ms[back] - stamp_ms[following].max(axis=1) > _BACK_MS
+    starts = place[back[lasts] + 1]
     for first, end in itertools.pairwise([0, *starts.tolist(), len(log)]):
         i, j = np.searchsorted(place, (first, end))
+        own = place[i:j]
+        if first:
+            own = own - first
         part = log.part(first, end)
-        own = place[i:j] - first if first else place[i:j]
         yield part, BootAxis(part, system, own, spilled(stamp_ms[i:j] * 1000))
 
 
@@ -259,12 +259,13 @@ class BootAxis:
         stamp = _unwrapped(layout, stamps, received)
         component = self._log.component[index]
         out = received.copy()
-        for key in np.unique(component):
-            rows = np.flatnonzero((component == key) & (stamp > 0))
-            if not rows.size or (key == AUTOPILOT_COMPONENT and not (stamp[rows] > _UNIX_US).all()):
+        for sender in np.unique(component):
+            rows = np.flatnonzero((component == sender) & (stamp > 0))
+            damaged = sender == AUTOPILOT_COMPONENT and not (stamp[rows] > _UNIX_US).all()
+            if damaged:
                 self.stamps_repaired += int(rows.size)
-                continue
-            out[rows] = self._moved(index[rows], stamp[rows])
+            elif rows.size:
+                out[rows] = self._moved(index[rows], stamp[rows])
         return out
 
     def _moved(self, place: Micros, stamp_us: Micros) -> Micros:
@@ -281,6 +282,7 @@ def _unwrapped(layout: Layout, stamps: NDArray[np.uint64], received: Micros) -> 
     if layout.stamp is Stamp.BOOT_MS:
         stamp *= 1000
     if layout.stamp in _WRAPS_US:
-        wrap = _WRAPS_US[layout.stamp]
-        stamp += np.rint((received - stamp) / wrap).astype(np.int64) * wrap
+        wrap_us = _WRAPS_US[layout.stamp]
+        wraps = np.rint((received - stamp) / wrap_us).astype(np.int64)
+        stamp += wraps * wrap_us
     return stamp
