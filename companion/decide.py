@@ -28,7 +28,7 @@ from companion.control.position_hold import (
 )
 from companion.control.position_target import Target
 from companion.control.reasons import HOLDS_BACK_EVERYTHING, Notice, Reason
-from companion.control.wall_distance import kept_off, see_wall, sent_to_m
+from companion.control.wall_distance import WallPlane, kept_off, see_wall, sent_to_m
 from companion.control.wall_guard import watch_wall
 from companion.disturbance.wall_law import NEAR_RADII
 from companion.estimation import estimator as est
@@ -46,7 +46,7 @@ from companion.state.decision import Decision
 from companion.state.held import Held
 from companion.state.pipeline_state import PipelineState
 from companion.surroundings import DISTURBANCE_PERIOD_S, renew_disturbance
-from models.common.frames import GRAVITY, Rows
+from models.common.frames import GRAVITY
 from models.common.frozen_copy import with_changes
 from models.vehicle import Vector3
 
@@ -100,8 +100,7 @@ def decide(
         dt_s=dt,
     )
     if reasons and not held_back:
-        before = state.sending.offsets.applied
-        held = _keep_balance(held, state.estimates.rows, before, offsets.applied, thrust, config)
+        held = _keep_balance(state, held, offsets.applied, thrust, config)
     command: Command | None = None
     hand_over = None
     if held_back:
@@ -222,13 +221,7 @@ def _base(
     if hold is None:
         hold = _engaged(state, motion, thrust, config, t_s)
     wall = see_wall(held.wall, seen, position, t_s)
-    target_wall_m = held.target_wall_m
-    if wall is not None and tuned.least_wall_m > 0.0:
-        # The target ends no nearer to the wall than these gains hold the pull.
-        kept = kept_off(hold, wall, tuned.least_wall_m)
-        if kept is not hold:
-            target_wall_m = sent_to_m(hold, wall)
-        hold = kept
+    hold, target_wall_m = _off_the_wall(hold, wall, tuned.least_wall_m, held.target_wall_m)
     hold, base = fly(hold, tuned.gains, config.vehicle.limits, t_s, motion, thrust)
     held = with_changes(
         held, hold=hold, wall=wall, target_wall_m=target_wall_m, wall_ahead=wall_ahead, left=None
@@ -261,6 +254,18 @@ def _engaged(
         drag_1_s=drag,
     )
     return _returned(hold, state.held.left, motion.position, t_s)
+
+
+def _off_the_wall(
+    hold: Hold, wall: WallPlane | None, least_m: float, before_m: float
+) -> tuple[Hold, float]:
+    """The hold with a target no nearer to the wall than its gains hold the pull, and how near it was last sent."""
+    if wall is None or least_m <= 0.0:
+        return hold, before_m
+    kept = kept_off(hold, wall, least_m)
+    if kept is hold:
+        return hold, before_m
+    return kept, sent_to_m(hold, wall)
 
 
 def _ended(
@@ -306,14 +311,11 @@ def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, f
 
 
 def _keep_balance(
-    held: Held,
-    rows: Rows | None,
-    before: Offset,
-    after: Offset,
-    thrust: ThrustMap,
-    config: PipelineConfig,
+    state: PipelineState, held: Held, after: Offset, thrust: ThrustMap, config: PipelineConfig
 ) -> Held:
     """What an offset that fades out balanced, the hold balances from here on: the air did not change with the input."""
+    rows = state.estimates.rows
+    before = state.sending.offsets.applied
     lost = before.thrust - after.thrust
     roll = before.roll - after.roll
     pitch = before.pitch - after.pitch
