@@ -357,7 +357,7 @@ class Library:
             share = np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM)
             constant = np.diag(hundredths(record.context) * share)
             trims = [np.broadcast_to(constant[a], (len(record.valid), 6)) for a in record.axes]
-            trims += _late_rotors(record)
+            trims.append(_late_rotors(record))
             # An accelerometer of its own, not the velocity's derivative.
             if np.isfinite(record.kinematic_bias).any():
                 trims += [_late_velocity(record), *_off_centre(record)]
@@ -492,17 +492,13 @@ def _with_errors_of_form(effect: Effect) -> list[int]:
     return [i for i, c in enumerate(effect.coefficients) if c.name in effect.main_names]
 
 
-def _late_rotors(record: Record) -> Iterator[Array]:
-    """Lift and moments (n, 6) by rotor speeds that are late by a standard deviation.
-
-    Each of its own: loops answer disturbances of both, and that passes for a delay.
-    """
-    change = np.gradient(record.context.rotor_wrench, record.step_s, axis=0)
-    for acting in (slice(LIFT, 3), slice(3, 6)):
-        out = np.zeros_like(change)
-        # None beside a gap: that is no change of the rotors.
-        out[:, acting] = CLOCK_SD_S * np.nan_to_num(change[:, acting])
-        yield out
+def _late_rotors(record: Record) -> Array:
+    """Lift (n, 6) by rotor speeds that are late by a standard deviation."""
+    out = np.zeros((len(record.valid), 6))
+    change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
+    # None beside a gap: that is no change of lift.
+    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(change)
+    return out
 
 
 def _late_velocity(record: Record) -> Array:

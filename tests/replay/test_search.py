@@ -671,21 +671,6 @@ def test_an_accelerometer_off_the_centre_of_gravity_is_no_finding(quiet: Record)
     assert not trace.outside
 
 
-def test_rotor_speeds_that_are_late_damp_no_turning(quiet: Record) -> None:
-    """The moment of what swings to and fro goes with its attitude. Taken late it goes with its rate, too."""
-    flown = swung(quiet)
-    state, vehicle = flown.context.state, flown.context.vehicle
-    turn = np.gradient(state.rates, flown.step_s, axis=0)
-    at = np.array([fan.position_m for fan in vehicle.fans]) / flown.context.lever
-    more = 0.03 * (turn[:, 1:2] * at[:, 0] - turn[:, 0:1] * at[:, 1])
-    more = np.repeat(more, len(vehicle.rotors) // len(vehicle.fans), axis=1)
-    flown = with_context(flown, state=replace(state, rpm=state.rpm * np.sqrt(1.0 + more)))
-    residual = flown.residual.copy()
-    moments = flown.context.rotor_wrench[:, 3:]
-    residual[:, 3:] += 0.04 * np.gradient(moments, flown.step_s, axis=0)
-    assert names(search(replace(flown, residual=residual), list(catalogue()))) == set()
-
-
 @pytest.mark.slow
 def test_a_late_velocity_leaves_no_second_effect_beside_drag(quiet: Record) -> None:
     state = quiet.context.state
