@@ -45,7 +45,7 @@ MOST_TIMES = 400
 
 # Evidence and noise
 
-TRUST = 0.6
+TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
 """Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""

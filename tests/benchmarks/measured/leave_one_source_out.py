@@ -32,7 +32,7 @@ from replay.diagnosis.diagnose import conclude, read_records
 from replay.diagnosis.model_faults import model_faults
 
 SETTINGS = (
-    "", "TRUST=0.25", "TRUST=0.35", "TRUST=0.5", "TRUST=1.0", "FLOOR=0.1", "FLOOR=0.4", "CANCEL=2.0", "CANCEL=4.0",
+    "", "TRUST=0.25", "TRUST=0.35", "TRUST=0.7", "TRUST=1.0", "FLOOR=0.1", "FLOOR=0.4", "CANCEL=2.0", "CANCEL=4.0",
     "FORM_LEFT=0.03", "FORM_LEFT=0.12",
 )  # fmt: skip
 """What is tried: the search as it is first, then one number changed at a time."""
