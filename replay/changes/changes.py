@@ -19,6 +19,7 @@ from replay.search.library import Design, Library
 from replay.search.significance import Contributions, beyond_bounds, tops
 from replay.search.terms import Term
 from replay.search.thresholds import SURE as MOST_SURE
+from replay.search.thresholds import TRUST
 from replay.search.walk import walk
 
 OF_A_VEHICLE = (BelongsTo.VEHICLE, BelongsTo.LOAD, BelongsTo.INSTRUMENT)
@@ -155,7 +156,7 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     prior = term.prior - kinds
     if term.flight is not None:
         prior -= RATHER_THE_SAME
-    return fit.evidence - less.evidence + within + prior
+    return TRUST * (fit.evidence - less.evidence) + within + prior
 
 
 def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Fit]]:
@@ -218,7 +219,7 @@ def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
     part = fit.part(term)
     place = term.place(term.flight)
     mean = fit.sizes(term, term.flight)
-    sd = np.sqrt(np.diag(fit.cov[part, part])[place]) * term.scale[place]
+    sd = np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     low = mean - SIDE * sd
     high = mean + SIDE * sd
     out = []

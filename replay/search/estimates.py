@@ -22,6 +22,7 @@ from replay.search.thresholds import (
     FEWEST_WITHIN,
     LEARNT,
     LEAST_SHOWN,
+    TRUST,
 )
 
 DRAWS = 4000
@@ -95,7 +96,7 @@ class Sizes:
 def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalEstimate]) -> Sizes:
     """Coefficients on a flight, then the shape (``shape_estimates``).
 
-    Variance: the larger of the posterior's and the folds' (jackknife: Efron & Stein 1981, Annals of
+    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
     Statistics 9, 586), and beside it that between the sets that hold the effect.
     """
     effect = term.named
@@ -107,7 +108,7 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
     mean = effect.mixed(best.sizes(term, flight), term.shape)
     root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
     root = effect.mixed((term.scale[place, None] * root).T, term.shape)
-    posterior = (root**2).sum(axis=0)
+    posterior = (root**2).sum(axis=0) / TRUST
     drawn = effect.mixed(fit.effects[term.key].folds, term.shape)
     variance = np.maximum(posterior, _jackknife(drawn))
     sd = np.sqrt(variance + _between(walked, term, flight, mean))
@@ -122,7 +123,7 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
         fitted.append(one)
         possible.append(replace(one, ci95=within))
     # The correlations are the posterior's, the spreads those of the intervals.
-    wider = sd / np.sqrt(np.maximum(posterior, 1e-300))
+    wider = sd / np.sqrt(np.maximum(posterior, 1e-300) * TRUST)
     normal = np.random.default_rng(0).standard_normal((DRAWS, len(mean)))
     draws = _within(mean + (normal @ root) * wider, effect, context)
     by_name = {c.name: draws[:, i] for i, c in enumerate(effect.coefficients)}
@@ -152,7 +153,7 @@ def _interval(
         ci95=(min(value, mean - half), max(value, mean + half) / shown),
         unit=c.unit,
         at_bound=at_bound and c.name in effect.main_names,
-        determined=sd < LEARNT * typical,
+        determined=sd < LEARNT / np.sqrt(TRUST) * typical,
     )
     least, most = _within_bounds(mean, sd, low, high)
     return estimate, (least, min(most / shown, high))
@@ -292,7 +293,7 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
 def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) -> IntervalEstimate:
     """A shape parameter with its 95 % interval, and whether it stands at the grid's edge.
 
-    The density over the values tried goes with exp(gain in log evidence), each out to half way to the next, the
+    The density over the values tried goes with exp(TRUST gain in log evidence), each out to half way to the next, the
     other parameters at their likeliest. It is no narrower than the folds and the other sets say.
     """
     shape = term.named.shapes[i]
@@ -323,7 +324,7 @@ def _shape_estimate(walked: Walked, term: Term, i: int, flights: Sequence[int]) 
 
 
 def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
-    """By value of a shape parameter the largest gain in log evidence beside the other terms of the best set."""
+    """By value of a shape parameter the largest TRUST gain in log evidence beside the other terms of the best set."""
     evidence = walked.evidence
     shape = term.named.shapes[i]
     beside = evidence.refit(walked.best.beside(term), walked.best.noise)
@@ -331,7 +332,7 @@ def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
     gains: dict[float, float] = {}
     for number in evidence.library.numbers_of[term.key]:
         value = evidence.library.terms[number].shape[i]
-        gain = float(screened[number])
+        gain = TRUST * float(screened[number])
         if value not in shape.kinds:
             gains[value] = max(gains.get(value, -np.inf), gain)
     return gains

@@ -1,17 +1,15 @@
 """Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted.
 
 The model of a channel is y = X b + e, with b ~ N(c, I) in units of the prior's standard deviation and e ~ N(0, s^2 R),
-R of one spectrum of a grid (noise_spectra.py). The likelihood has the power z, ``TRUST``, and the prior has not: what
-is known of sizes beforehand does not hang on how the noise is modelled (Miller & Dunson 2019, JASA 114, 1113). With
-W = z R^-1 / s^2, summed over the channels, the posterior of b is N(m, S), S = (X^T W X + I)^-1, m = S (X^T W y + c),
-and
+R of one spectrum of a grid (noise_spectra.py). With W = R^-1 / s^2, summed over the channels, the posterior of b is
+N(m, S), S = (X^T W X + I)^-1, m = S (X^T W y + c), and
 
-    log integral of p(y | b)^z p(b) db =
-        - z/2 sum over channels (n log(2 pi s^2) + (y - X m)^T R^-1 (y - X m) / s^2 + log det R)
-        - 1/2 |m - c|^2 + 1/2 log det S
+    log p(y) = - 1/2 sum over channels (n log(2 pi s^2) + (y - X m)^T R^-1 (y - X m) / s^2 + log det R)
+               - 1/2 |m - c|^2 + 1/2 log det S
 
 where X, y and W hold three more rows a flight: the accelerometer's offset by velocity and attitude, library.py
-(Bishop 2006, Pattern Recognition and Machine Learning, §3.5; Rasmussen & Williams 2006, §2.7). s and R are fitted.
+(Bishop 2006, Pattern Recognition and Machine Learning, §3.5; Rasmussen & Williams 2006, §2.7). s and R are fitted, and
+the likelihood has the power ``TRUST`` (Miller & Dunson 2019, JASA 114, 1113).
 """
 
 from __future__ import annotations
@@ -30,7 +28,12 @@ from replay.search.library import Design, Library
 from replay.search.noise_spectra import FITTED_SHARE, spectra, whitened_energies
 from replay.search.significance import Contributions, beyond_bounds, form_variance, standing, worth
 from replay.search.terms import STEP_S, Key, Term
-from replay.search.thresholds import FLOOR, GUST_S, LOUDEST, TRUST
+from replay.search.thresholds import (
+    FLOOR,
+    GUST_S,
+    LOUDEST,
+    TRUST,
+)
 
 QUIET_S = 4.0
 QUIET_SPECTRUM = (1.0, 0.75)
@@ -67,7 +70,7 @@ class Noise:
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    score = evidence + within + worth + prior. ``evidence``: log marginal likelihood, of the power ``TRUST``.
+    score = TRUST evidence + within + worth + prior. ``evidence``: log marginal likelihood.
     ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
     the terms, and log prior of the noise.
     """
@@ -89,7 +92,7 @@ class Fit:
     @property
     def promise(self) -> float:
         """Whatever the size of its terms: of a set that is still to grow, as another term may make them larger."""
-        return self.evidence + self.within + self.prior
+        return TRUST * self.evidence + self.within + self.prior
 
     @property
     def key(self) -> frozenset[Key]:
@@ -308,13 +311,13 @@ class Evidence:
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
         """The best shape of every key among terms of the library (their numbers), by log posterior odds, best first.
 
-        The odds are those of ``screen``: the gain in log evidence, and the log prior odds.
+        The odds are those of ``screen``: TRUST times the gain in log evidence, and the log prior odds.
         """
         screened = self.screen(fit)
         best: dict[Key, tuple[float, Term]] = {}
         for i in candidates:
             term = self.library.terms[i]
-            odds = round(float(screened[i]) + term.prior, 6)
+            odds = round(TRUST * float(screened[i]) + term.prior, 6)
             if term.key not in best or odds > best[term.key][0]:
                 best[term.key] = (odds, term)
         return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
@@ -334,11 +337,11 @@ class Evidence:
         return design
 
     def _channels(self, noise: Noise) -> Iterator[tuple[Whitened, float]]:
-        """Every channel through the filter of its noise, and the variance that it counts with."""
+        """Every channel through the filter of its noise, and the variance of that."""
         for c, (s, sigma) in enumerate(zip(noise.spectrum, noise.sigma, strict=True)):
             if (c, s) not in self._white:
                 self._white[c, s] = Whitened(self.library.channels[c], self.spectra[s])
-            yield self._white[c, s], sigma**2 / TRUST
+            yield self._white[c, s], sigma**2
 
     def _energies(self, rest: Sequence[Array]) -> Array:
         """Sum of squares of the innovations of every channel by every spectrum, (channels, spectra)."""
@@ -376,9 +379,9 @@ class Evidence:
         """
         variance = self._variance(energies, form)
         density = self._counts[:, None] * np.log(2.0 * np.pi * variance)
-        cost = 0.5 * TRUST * (density + energies / variance + self._det)
+        cost = 0.5 * (density + energies / variance + self._det)
         loud = self._unlikely * variance
-        best = np.arange(len(cost)), np.argmin(np.round(cost + loud, 6), axis=1)
+        best = np.arange(len(cost)), np.argmin(np.round(TRUST * cost + loud, 6), axis=1)
         value = -float(cost[best].sum())
         left = self.library.bias - self.library.x_bias[:, design.columns] @ b
         value -= 0.5 * float(left @ left)

@@ -4,9 +4,9 @@ An effect that acts with size b is named where its set gains more than its prior
 one percent of the weight (significance.py). With s the standard deviation of the posterior in units of the prior,
 b = z s gains by Laplace's approximation (evidence.py)
 
-    log odds = z^2 / 2 + log s + log prior odds
+    log odds = TRUST (z^2 / 2 + log s) + log prior odds
 
-so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) - 2 log s. A size of (z + 1.64) s
+so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) / TRUST - 2 log s. A size of (z + 1.64) s
 is estimated at z s or more in 95 of 100 flights.
 """
 
@@ -22,7 +22,7 @@ from models.effects import Coefficient, Context
 from replay.search.posterior import Walked
 from replay.search.significance import tops_of_columns
 from replay.search.terms import Term
-from replay.search.thresholds import NAMED, OWN
+from replay.search.thresholds import NAMED, OWN, TRUST
 
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""
@@ -109,7 +109,7 @@ def _least_sizes(walked: Walked, term: Term) -> Array:
     part = fit.part(term)
     place = term.place(min(term.places))
     sd = np.sqrt(np.diag(fit.cov[part, part]))[place]
-    odds = NAMED - term.log_odds
+    odds = (NAMED - term.log_odds) / TRUST
     log_sd = np.log(np.minimum(sd, 1.0))
     z = np.sqrt(np.maximum(2.0 * odds - 2.0 * log_sd, 0.0))
     by_evidence = (z + _ONE_SIDED) * sd

@@ -36,7 +36,6 @@ from replay.search.thresholds import (
     LIFT_TRIM,
     OFF_CENTRE,
     TRIM,
-    TRUST,
     USUAL_DRAG,
 )
 
@@ -116,8 +115,7 @@ class Library:
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
         self.bias = np.empty(0)
         self.x_bias = np.empty((0, 0))
-        """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over the error that they
-        count with."""
+        """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over their error."""
         self._reach()
 
     def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
@@ -433,13 +431,11 @@ class Library:
         for channel in self.channels:
             channel.reach(self.size)
         known = [f for f, mean in enumerate(self._bias_mean) if np.isfinite(mean).all()]
-        # They are part of the likelihood, and have its power.
-        error = KINEMATIC_SD_M_S2 / np.sqrt(TRUST)
-        self.bias = np.ravel([self._bias_mean[f] / error for f in known])
+        self.bias = np.ravel([self._bias_mean[f] / KINEMATIC_SD_M_S2 for f in known])
         self.x_bias = np.zeros((len(self.bias), self.size))
         for rows, f in enumerate(known):
             for columns, part in self._bias_columns.get(f, []):
-                self.x_bias[3 * rows : 3 * rows + 3, columns] += part / error
+                self.x_bias[3 * rows : 3 * rows + 3, columns] += part / KINEMATIC_SD_M_S2
 
 
 class Design:

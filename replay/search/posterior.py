@@ -1,8 +1,8 @@
 """The sets of terms that were weighed: their probabilities, and which effects could stand in each other's place.
 
-A set S of terms has the log posterior ``score``(S), up to a constant: the evidence, the share of it within the
-bounds, the share of what is large enough, and the prior odds of its terms (evidence.py). Its probability among the sets
-that were weighed is exp(score) over their sum (Hoeting et al. 1999, Statistical Science 14, 382).
+A set S of terms has the log posterior ``score``(S), up to a constant: the evidence to the power ``TRUST``, the share of
+it within the bounds, the share of what is large enough, and the prior odds of its terms (evidence.py). Its probability
+among the sets that were weighed is exp(score) over their sum (Hoeting et al. 1999, Statistical Science 14, 382).
 """
 
 from __future__ import annotations

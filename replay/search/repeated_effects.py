@@ -13,7 +13,7 @@ from dataclasses import replace
 from replay.search.evidence import Fit
 from replay.search.posterior import Sets, Walked
 from replay.search.terms import Term
-from replay.search.thresholds import ALIAS_NATS
+from replay.search.thresholds import ALIAS_NATS, TRUST
 from replay.search.walk import lighter
 
 TRIED = 3
@@ -74,5 +74,5 @@ def _grown(sets: Sets, base: Fit, others: Sequence[Term]) -> list[Fit]:
     library = sets.evidence.library
     screened = sets.evidence.screen(base, others[0].key)
     gain = {library.terms[i]: float(screened[i]) for i in library.numbers_of[others[0].key]}
-    likely = sorted(others, key=lambda t: -(gain[t] + t.prior))[:TRIED]
+    likely = sorted(others, key=lambda t: -(TRUST * gain[t] + t.prior))[:TRIED]
     return [sets.weigh([*base.terms, other], base) for other in likely]

@@ -28,6 +28,7 @@ from replay.search.thresholds import (
     NEAR,
     RIVALS,
     SMALL,
+    TRUST,
     WORSE_SHARE,
 )
 
@@ -420,14 +421,14 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
 def _excited(walked: Walked, term: Term) -> bool:
     """Whether the flights would know one of its main coefficients, beside the set.
 
-    Its standard deviation makes less than a hundredth of the weight, the smallest effect that is named.
+    Its standard deviation s / sqrt(TRUST) makes less than a hundredth of the weight, the smallest effect that is named.
     """
     evidence = walked.evidence
     fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
     part = fit.part(term)
-    error = np.sqrt(np.diag(fit.cov[part, part]))
+    error = np.sqrt(np.diag(fit.cov[part, part]) / TRUST)
     # Where the prior alone says as much, the flight has said nothing.
-    known = error < LEARNT
+    known = error < LEARNT / np.sqrt(TRUST)
     unit = np.zeros(len(term.columns))
     for channel in evidence.library.channels:
         unit = np.maximum(unit, tops_of_columns(channel, term))

@@ -19,7 +19,6 @@ from replay.search.thresholds import (
     FORM_LEFT,
     OWN,
     SOFT,
-    TRUST,
     UNEXPLAINED_S,
     USUAL,
     USUAL_TRIM,
@@ -216,16 +215,13 @@ def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
 
     sum log(Phi((h - m) / s) - Phi((l - m) / s)) of N(m, s) between l and h, less the same of the prior: the factor by
     which truncating both changes the evidence (Klugkist & Hoijtink 2007, Comput. Stat. & Data Analysis 51, 6367).
-    Bounds are certain: what flights say of them counts in whole, 1 / s^2 = 1 + (1 / v - 1) / TRUST, v the variance of
-    the posterior where the prior's is 1.
     """
     if not terms:
         return 0.0
     low = np.concatenate([t.low for t in terms])
     high = np.concatenate([t.high for t in terms])
     k = len(low)
-    learnt = 1.0 / np.diag(cov)[:k] - 1.0
-    sd = 1.0 / np.sqrt(1.0 + np.maximum(learnt, 0.0) / TRUST)
+    sd = np.sqrt(np.diag(cov)[:k])
     posterior = float(log_mass(low, high, b[:k], sd).sum())
     prior = sum(t.log_within for t in terms)
     return posterior - prior

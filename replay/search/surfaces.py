@@ -1,7 +1,7 @@
 """What the named effects leave of ground and wall: a map over height and distance, weighed after the walk.
 
 The map has a Gaussian-process prior, so its evidence pays for its freedom (Rasmussen & Williams 2006, ch. 5). A formula
-says more than a map: the map is taken where ``log p(y | set, map) + log odds`` exceeds that of the set alone by
+says more than a map: the map is taken where ``TRUST log p(y | set, map) + log odds`` exceeds that of the set alone by
 ``MARGIN``, and a term of the set is taken out where that of the rest exceeds it by as much.
 """
 

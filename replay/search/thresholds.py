@@ -14,8 +14,8 @@ TRIM = 0.5
 
 Of level forces that is an accelerometer mounted 0.3 degrees askew.
 """
-LIFT_TRIM = 0.35
-"""The same of lift: a thrust coefficient that is 0.35 % off. What is much more has a name."""
+LIFT_TRIM = 0.25
+"""The same of lift: a thrust coefficient that is 0.25 % off. What is more has a name."""
 CLOCK_SD_S = 0.035
 """Standard deviation of what is left of the rotor speeds' delay after it was estimated by cross-correlation [s]."""
 OFF_CENTRE = 0.15
@@ -115,7 +115,7 @@ CONFIRM_SHARE = 0.01
 
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
-LEARNT = 0.8
+LEARNT = 0.7
 """Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 FEWEST_WITHIN = 0.05
 """Share of draws within all bounds below which draws are moved to the bounds, and not thrown away."""

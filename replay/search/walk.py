@@ -19,7 +19,7 @@ from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
 from replay.search.posterior import Sets, Walked, canonical
 from replay.search.terms import Key, Term
-from replay.search.thresholds import ALIAS_NATS, HOPELESS
+from replay.search.thresholds import ALIAS_NATS, HOPELESS, TRUST
 
 MOST = 9
 MOST_A_FLIGHT = 3
@@ -164,7 +164,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     likely: dict[Term, float] = {}
     for i in numbers:
         other = evidence.library.terms[i]
-        likely[other] = float(screened[i]) + other.prior
+        likely[other] = TRUST * float(screened[i]) + other.prior
     odds: dict[Term, float] = {}
     best = -math.inf
     for other in sorted(likely, key=lambda t: -likely[t]):
@@ -191,7 +191,7 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
         odds: dict[Term, float] = {}
         for i in numbers:
             other = evidence.library.terms[i]
-            odds[other] = round(float(screened[i]) + other.log_shape, 6)
+            odds[other] = round(TRUST * float(screened[i]) + other.log_shape, 6)
         rival = max(odds, key=lambda t: odds[t])
         if rival is not term:
             new = sets.weigh([*others, rival], fit)

@@ -12,6 +12,7 @@ from models.effects import get
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Library
 from replay.search.terms import Term
+from replay.search.thresholds import TRUST
 
 
 @pytest.fixture(scope="module")
@@ -79,24 +80,9 @@ def test_without_any_row_the_posterior_is_the_prior(evidence: Evidence, noise: N
     np.testing.assert_allclose(np.diag(fit.cov)[part], 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("power", [1.0, 0.5, 0.25])
-def test_the_likelihood_has_a_power_and_the_prior_has_none(
-    monkeypatch: pytest.MonkeyPatch, noise: Noise, power: float
-) -> None:
-    def information(power: float) -> np.ndarray:
-        monkeypatch.setattr("replay.search.evidence.TRUST", power)
-        monkeypatch.setattr("replay.search.library.TRUST", power)
-        evidence = Evidence(Library([biased()], some("imu_bias")))
-        fit = evidence.refit([term(evidence, "imu_bias")], noise)
-        return np.asarray(np.linalg.inv(fit.cov) - np.eye(len(fit.b)))
-
-    whole = information(1.0)
-    np.testing.assert_allclose(information(power), power * whole, atol=1e-6 * abs(whole).max())
-
-
 def test_the_score_is_the_sum_of_its_parts(evidence: Evidence, noise: Noise) -> None:
     fit = evidence.fit([term(evidence, "imu_bias")], noise)
-    assert fit.score == pytest.approx(fit.evidence + fit.within + fit.worth + fit.prior)
+    assert fit.score == pytest.approx(TRUST * fit.evidence + fit.within + fit.worth + fit.prior)
     assert fit.promise == pytest.approx(fit.score - fit.worth)
 
 

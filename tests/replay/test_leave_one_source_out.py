@@ -12,8 +12,8 @@ from measured.judge import Judgement
 from measured.settings import parse, used
 
 import replay.search.evidence
-import replay.search.library
 import replay.search.results
+import replay.search.walk
 
 
 def flight(source: str, right: bool) -> Judgement:
@@ -44,8 +44,8 @@ def test_the_same_people_under_another_name_are_left_out_together():
 def test_a_setting_reaches_every_module_that_holds_the_number_and_no_longer_than_it_is_used():
     before = replay.search.evidence.TRUST
     with used(parse(["TRUST=0.25"])):
-        assert replay.search.evidence.TRUST == replay.search.library.TRUST == 0.25
-    assert replay.search.evidence.TRUST == replay.search.library.TRUST == before
+        assert replay.search.evidence.TRUST == replay.search.walk.TRUST == 0.25
+    assert replay.search.evidence.TRUST == replay.search.walk.TRUST == before
 
 
 def test_a_function_that_is_off_changes_nothing():

