@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from models.vehicle import Vector3
 
-KEPT_S = 0.4
+KEPT_S = 0.35
 """A position older than this is not carried on further: what is known of the accelerations since says too little."""
 
 
