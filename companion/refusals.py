@@ -14,7 +14,6 @@ from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.estimation.height_drift import FADE_M_S
 from companion.estimation.rotors import ROTOR_AGE_S
-from companion.estimation.surfaces import STEP_S
 from companion.mavlink.firmware import Stack, ThrustMeaning
 from companion.state.heard import Heard
 from companion.state.pipeline_state import PipelineState
@@ -170,7 +169,7 @@ def _surfaces(out: list[Reason], disturbance: Disturbance, t_s: float) -> None:
     """Each refusal once, though several surfaces may have it."""
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         reason = REASON_OF_SIGHT.get(surface.seen)
-        if reason is None and t_s - surface.stepped_s < STEP_S:
+        if reason is None and surface.stepped(t_s):
             reason = Reason.SURFACE_STEP
         elif reason is None and surface.jumped:
             reason = Reason.RANGE_JUMPED

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from companion.config import PipelineConfig
 from companion.disturbance.records import Disturbance
 from companion.estimation.estimates import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
-from companion.estimation.surfaces import STEP_S
 from companion.mavlink.samples import Imu
 from models.common.frames import GRAVITY
 
@@ -78,7 +77,7 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, now_s: float
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if not surface.known:
             return SURFACE_UNKNOWN
-        if surface.jumped or now_s - surface.stepped_s < STEP_S:
+        if surface.jumped or surface.stepped(now_s):
             return SURFACE_STEP
     assert disturbance.parts is not None
     around = disturbance.parts.around

@@ -146,7 +146,7 @@ def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float
     lift_share = max(1.0 + thrust.slope * (base_thrust - thrust.hover), 0.0)
     if ratio * full <= lift_share:
         return max(1.0 - base_thrust, 0.0)
-    return lift_share * (1.0 / ratio - 1.0) / thrust.slope
+    return thrust.change(lift_share * (1.0 / ratio - 1.0))
 
 
 def _moment_bias(

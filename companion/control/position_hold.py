@@ -204,7 +204,7 @@ def fly(
         integral = _balanced(integral, motion.balance, motion.offset, share)
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
-    command = thrust.hover - down / GRAVITY / thrust.slope
+    command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
     return Hold(
         target=hold.target,

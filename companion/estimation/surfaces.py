@@ -15,7 +15,7 @@ from models.vehicle import Vector3
 RANGE_AGE_S = 0.22
 """An older range is stale. With the fade and one setpoint, offsets are zero 0.5 s after the last reading; 10 Hz is
 enough."""
-STEP_S = 1.5
+_STEP_S = 1.5
 """For so long after ground or wall jumped, offsets stay away and nothing is learned."""
 _CLEAR_AFTER_S = 0.5
 """A near surface has gone after readings without an echo for so long: a single lost echo at 10 Hz is no clear sight."""
@@ -59,6 +59,10 @@ class Surface(NamedTuple):
     def known(self) -> bool:
         """False where the direction should be watched and is not."""
         return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
+
+    def stepped(self, t_s: float) -> bool:
+        """Whether ground or wall jumped a moment ago."""
+        return t_s - self.stepped_s < _STEP_S
 
 
 def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> Surface:

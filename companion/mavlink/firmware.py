@@ -58,6 +58,10 @@ class ThrustMap:
     hover: float
     slope: float
 
+    def change(self, share_of_weight: float) -> float:
+        """The command change that changes the lift by this share of the weight."""
+        return share_of_weight / self.slope
+
 
 def stack_of(heartbeat: Heartbeat | None) -> Stack:
     """The firmware a heartbeat names."""
