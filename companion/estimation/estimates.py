@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from companion.estimation.kalman import Track
 from companion.estimation.position_trust import PositionReset, PositionTrust
 from companion.estimation.range_doubt import UNREAD, Doubt, OldPlace
+from companion.estimation.velocity_bias import VelocityBias
 from companion.mavlink.samples import Attitude, Battery, LocalPosition, Pressure, ServoOutput
 from models.common.frames import Rows
 from models.vehicle import Vector3, Vehicle
@@ -57,6 +58,7 @@ class Estimates:
     rows: Rows | None = None
     """Of the rotation body FRD to world NED: the newest attitude's."""
     position: LocalPosition | None = None
+    velocity_bias: VelocityBias = field(default_factory=VelocityBias)
     trust: PositionTrust = field(default_factory=PositionTrust)
     reset: PositionReset | None = None
     servo: ServoOutput | None = None

@@ -11,6 +11,7 @@ from companion.estimation.position_trust import position_reset
 from companion.estimation.readings import take_range
 from companion.estimation.rotors import rotor_speeds, take_rotors, take_servo, take_temperatures
 from companion.estimation.surfaces import Seen, surface
+from companion.estimation.velocity_bias import corrected
 from companion.mavlink.samples import Attitude, LocalPosition
 from models.common.frames import rotation_rows
 from models.common.frozen_copy import with_changes
@@ -36,9 +37,17 @@ def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
 
 def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
     """Position and velocity; the vehicle's own velocity measures the rate of every track."""
-    if estimates.position is None:
+    known = estimates.velocity_bias
+    if known.sent is None:
         reset = None
     else:
-        reset = position_reset(estimates.position, sample)
+        reset = position_reset(known.sent, sample)
+    known, sample = corrected(known, sample, set_anew=reset is not None)
     beams = tuple([moved(beam, sample, reset) for beam in estimates.beams])
-    return with_changes(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
+    return with_changes(
+        estimates,
+        position=sample,
+        velocity_bias=known,
+        beams=beams,
+        reset=reset or estimates.reset,
+    )
