@@ -131,7 +131,7 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
             candidates.append(i)
         if term.flight is None and term.shape == shapes.get(term.name):
             start.append(term)
-    return evidence, candidates, evidence.fit(start, evidence.unfitted())
+    return evidence, candidates, evidence.fit(start, evidence.noises.unfitted)
 
 
 def _without_remainder() -> list[Effect]:

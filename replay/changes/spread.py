@@ -91,7 +91,7 @@ def as_flown(
     square = np.full(len(sizes), USUAL_FLIGHTS)
     for record in records:
         evidence = Evidence(Library([record], [], [[size.wrench(record) for size in sizes]]))
-        fit = evidence.fit([], evidence.unfitted())
+        fit = evidence.fit([], evidence.noises.unfitted)
         square += fit.b[-len(sizes) :] ** 2 + np.diag(fit.cov)[-len(sizes) :]
     factors = np.sqrt(square / (USUAL_FLIGHTS + len(records)))
     return [

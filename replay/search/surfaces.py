@@ -55,7 +55,7 @@ def _spread(walked: Walked, terms: Sequence[Term], effect: Effect) -> Fit:
     @cache
     def promise(shape: tuple[float, ...]) -> float:
         term = library.term_of(effect, shape)
-        found = evidence.fit([*named, term], evidence.quiet)
+        found = evidence.fit([*named, term], evidence.noises.quiet)
         evidence.forget(term)  # its many columns would stay in the way of all others
         return found.promise
 
@@ -64,7 +64,7 @@ def _spread(walked: Walked, terms: Sequence[Term], effect: Effect) -> Fit:
         for i, values in enumerate(grid.T):
             shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
             shape = max(shapes, key=promise)
-    return evidence.fit([*named, library.term_of(effect, shape)], evidence.quiet)
+    return evidence.fit([*named, library.term_of(effect, shape)], evidence.noises.quiet)
 
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:

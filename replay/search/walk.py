@@ -53,7 +53,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     """Weigh sets of effects over all flights together."""
     evidence = Evidence(Library(records, effects))
     account = Account(evidence, allowed(records))
-    empty = evidence.fit([], evidence.unfitted())
+    empty = evidence.fit([], evidence.noises.unfitted)
     sets = Sets(evidence, {empty.key: empty})
     _grown(sets, empty, MOST + MOST_A_FLIGHT * (len(records) - 1), account)
     best = max(sets.fits.values(), key=lambda f: f.score)
@@ -137,7 +137,7 @@ def additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
         if t.key not in taken and t.name not in inside and not holds_one:
             rivals.append(i)
     out: list[Term] = []
-    for noise in dict.fromkeys((fit.noise, evidence.quiet)):
+    for noise in dict.fromkeys((fit.noise, evidence.noises.quiet)):
         if noise is fit.noise:
             near = fit
         else:

@@ -9,8 +9,9 @@ import pytest
 from made_up import BIAS_M_S2, biased, some
 
 from models.effects import get
-from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
+from replay.search.noise import Noise
 from replay.search.terms import Term
 from replay.search.thresholds import TRUST
 
@@ -22,7 +23,7 @@ def evidence() -> Evidence:
 
 @pytest.fixture(scope="module")
 def noise(evidence: Evidence) -> Noise:
-    return evidence.unfitted()
+    return evidence.noises.unfitted
 
 
 def term(evidence: Evidence, name: str) -> Term:

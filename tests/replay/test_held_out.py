@@ -14,7 +14,7 @@ from replay.search.library import Library
 def fitted(*records: object) -> tuple[Evidence, Fit]:
     evidence = Evidence(Library(list(records), some("imu_bias")))  # type: ignore[arg-type]
     terms = list({t.key: t for t in evidence.library.terms if t.effect is not None}.values())
-    return evidence, evidence.fit(terms, evidence.unfitted())
+    return evidence, evidence.fit(terms, evidence.noises.unfitted)
 
 
 @pytest.fixture(scope="module")

@@ -24,8 +24,9 @@ from replay.search import results
 from replay.search.channel import hundredths
 from replay.search.curves import LEANS, curves
 from replay.search.estimates import IntervalEstimate
-from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.evidence import Evidence, Fit
 from replay.search.library import Design, Library
+from replay.search.noise import Noise
 from replay.search.noise_spectra import spectra, valid_before, whitened_energies
 from replay.search.posterior import canonical
 from replay.search.regimes import regimes
@@ -573,7 +574,7 @@ def sets(**scores: float) -> list[Fit]:
         for letter in sorted(set("".join(scores)))
     }
     return [
-        Fit(tuple(terms[x] for x in name), none, none, Noise((), ()), prior=s)
+        Fit(terms=tuple(terms[x] for x in name), b=none, cov=none, noise=Noise((), ()), prior=s)
         for name, s in scores.items()
     ]
 
@@ -610,7 +611,7 @@ def test_a_clock_that_is_off_leaves_nothing_beside_a_gap(quiet: Record) -> None:
         rpm[gap], valid[gap] = np.nan, False
     torn = replace(with_context(late, state=replace(late.context.state, rpm=rpm)), valid=valid)
     evidence = Evidence(Library([torn], []))
-    fit = evidence.fit([], evidence.unfitted())
+    fit = evidence.fit([], evidence.noises.unfitted)
     moved = np.abs(evidence.library.trim_wrench(0, fit.b))[valid, 2]
     assert moved.max() < 8.0 * np.sqrt((moved**2).mean())
     assert search(torn, []).traces[0].outside == ()
@@ -924,7 +925,7 @@ def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> No
     terms = {t.name: t for t in reversed(evidence.library.terms) if t.effect is not None}
 
     def own_share(name: str, beside: str) -> float:
-        fit = evidence.fit([terms[name], terms[beside]], evidence.quiet)
+        fit = evidence.fit([terms[name], terms[beside]], evidence.noises.quiet)
         u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
         fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
         return float(tops(u, u.own([0]))[0, fz] / tops(u, u.main)[0, fz])

@@ -63,7 +63,7 @@ def test_what_is_too_small_for_a_name_takes_no_place_among_what_is_tried() -> No
     record = with_effect(record, "rotor_drag", 0.4)
     record = with_effect(record, "thrust_scale", 1.3)
     evidence = Evidence(Library([record], some("rotor_drag", "thrust_scale")))
-    empty = evidence.fit([], evidence.unfitted())
+    empty = evidence.fit([], evidence.noises.unfitted)
     _, surest = evidence.promising(empty, range(len(evidence.library.terms)))[0]
     assert surest.name == "rotor_drag"
     assert evidence.stands_out(empty, surest) < HOPELESS
