@@ -13,9 +13,10 @@ from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue,
 from replay.changes.spread import VarianceComponent, as_flown, usual
 from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
+from replay.search.design import Design
 from replay.search.estimates import DRAWS, SIDE, IntervalEstimate, said
 from replay.search.evidence import Evidence, Fit
-from replay.search.library import Design, Library
+from replay.search.library import Library
 from replay.search.significance import Contributions, beyond_bounds, tops
 from replay.search.terms import Term
 from replay.search.thresholds import SURE as MOST_SURE

@@ -23,7 +23,8 @@ import numpy as np
 from models.common.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Whitened
-from replay.search.library import Design, Library
+from replay.search.design import Design
+from replay.search.library import Library
 from replay.search.noise import Noise, NoiseModel
 from replay.search.screening import Screening, WhitenedChannels
 from replay.search.significance import Contributions, beyond_bounds, form_variance, standing, worth

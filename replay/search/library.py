@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import accumulate, groupby, product, zip_longest
+from itertools import groupby, product, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +13,13 @@ from models.common.frames import AXES, Array
 from models.effects import Effect
 from replay.residual.record import Record
 from replay.search.beginnings import NONE_S, log_chance, times_of
-from replay.search.channel import Columns, ResidualChannel, Whitened, hundredths
+from replay.search.channel import Columns, ResidualChannel, hundredths
 from replay.search.curves import ATTITUDE, Curve, curves
 from replay.search.noise_spectra import valid_before
 from replay.search.terms import (
     STEP_S,
     Key,
+    Shape,
     Term,
     bent_forms,
     log_shapes,
@@ -27,19 +27,8 @@ from replay.search.terms import (
     regressors_of,
     unmixed_regressors,
 )
-from replay.search.thresholds import (
-    AMPLITUDE,
-    CLOCK_SD_S,
-    FORM_PRIOR,
-    KINEMATIC_SD_M_S2,
-    KNOWN,
-    LIFT_TRIM,
-    OFF_CENTRE,
-    TRIM,
-    USUAL_DRAG,
-)
-
-LIFT = AXES.index("Fz")
+from replay.search.thresholds import AMPLITUDE, FORM_PRIOR, KINEMATIC_SD_M_S2, KNOWN
+from replay.search.trims import trims_of
 
 
 class Prior(NamedTuple):
@@ -66,61 +55,55 @@ class Alike:
 class Library:
     """All terms of some flights, and the channels that they act on.
 
-    ``beside``: of every flight, wrenches (n, 6) that it may have besides, each times N(0, 1), and that are not named.
+    ``more_trims``: of every flight, wrenches (n, 6) that it may have besides, each times N(0, 1), and that are not
+    named.
     """
 
     def __init__(
         self,
         records: Sequence[Record],
         effects: Sequence[Effect],
-        beside: Sequence[Sequence[Array]] = (),
+        more_trims: Sequence[Sequence[Array]] = (),
     ) -> None:
         self.records = list(records)
-        self._beside = beside or [()] * len(self.records)
         self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
+        """Of every flight the samples of its record between two of its channels."""
         self.terms: list[Term] = []
-        self.lacking: dict[str, str] = {}
-        self._trims: list[tuple[int, Array]] = []
-        self.size = 0
-        self.taken_in = 0
-        """Terms that were ever taken in."""
-        self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
-        self.flights = [list(axes) for _, axes in groupby(self.channels, key=lambda c: c.flight)]
-        """The channels of every flight that has some: they share its time, and are worked on together."""
-        self._at = {(c.flight, c.axis): c for c in self.channels}
         self.numbers_of: dict[Key, list[int]] = {}
         """Numbers of the terms with a key: one effect in all its shapes."""
+        self.taken_in = 0
+        """Terms that were ever taken in."""
+        self.size = 0
+        """Columns."""
+        self.lacking: dict[str, str] = {}
+        """Effects that no flight can show, and why."""
+        self.remainders: list[Effect] = []
+        """Effects that are weighed after all others."""
+        self.channels: list[ResidualChannel] = []
+        for flight, record in enumerate(records):
+            self.channels += [self._channel(flight, axis) for axis in record.axes]
+        self.flights = [list(axes) for _, axes in groupby(self.channels, key=lambda c: c.flight)]
+        """The channels of every flight that has some: they share its time, and are worked on together."""
+        self.bias = np.empty(0)
+        self.x_bias = np.empty((0, 0))
+        """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over their error."""
+        self._at = {(c.flight, c.axis): c for c in self.channels}
         self._alike: dict[Key | None, tuple[Term, list[Alike]]] = {}
         self._unmixed: dict[tuple[str, int], Columns] = {}
         """Of an effect whose shape only mixes its regressors, and a flight: the columns that are mixed."""
         self._curves: dict[tuple[int, int], Array] = {}
-        self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
-        self.remainders: list[Effect] = []
-        """Effects that are weighed after all others."""
-        for effect in effects:
-            usable = self._usable(effect)
-            if not usable:
-                self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
-            elif effect.search.remainder:
-                self.remainders.append(effect)
-            else:
-                self._add_effect(effect, usable)
-        known: set[tuple[str, str]] = set()
-        for t in self.terms:
-            known.update(product(t.named.channels, t.named.axes))
-        for curve in curves(self.records):
-            explained = (curve.name, AXES[curve.axis]) in known
-            self._add_curve(curve, curve.name in ATTITUDE or explained)
-        self.trim = self._add_trim()
+        self._trims: list[tuple[int, Array]] = []
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
-        self.bias = np.empty(0)
-        self.x_bias = np.empty((0, 0))
-        """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over their error."""
+        self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
+        for effect in effects:
+            self._add_effect(effect)
+        self._add_curves()
+        self.trim = self._add_trims(more_trims or [()] * len(self.records))
         self._reach()
 
-    def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
+    def term_of(self, effect: Effect, shape: Shape) -> Term:
         """One more term: an effect of the vehicle in this shape, which is as likely as any other."""
-        self._add(effect, None, self._usable(effect), shape, 0.0)
+        self._add(effect, None, self._usable(effect), shape=shape, log_shape=0.0)
         self._reach()
         return self.terms[-1]
 
@@ -138,22 +121,25 @@ class Library:
         if known is not None and known[0] is last:
             return known[1]
         by_width: dict[int, list[int]] = {}
-        for i in numbers:
-            by_width.setdefault(len(self.terms[i].columns), []).append(i)
-        groups = []
-        for same in by_width.values():
-            columns = np.stack([self.terms[i].columns for i in same])
-            centre = np.stack([self.terms[i].centre for i in same])
-            groups.append(Alike(same, columns, centre))
+        for number in numbers:
+            width = len(self.terms[number].columns)
+            by_width.setdefault(width, []).append(number)
+        groups = [self._together(same) for same in by_width.values()]
         self._alike[key] = last, groups
         return groups
 
-    def again(self, term: Term, instance: int, but: Collection[float]) -> list[Term]:
+    def _together(self, numbers: list[int]) -> Alike:
+        terms = [self.terms[number] for number in numbers]
+        columns = np.stack([t.columns for t in terms])
+        centre = np.stack([t.centre for t in terms])
+        return Alike(numbers, columns, centre)
+
+    def again(self, term: Term, instance: int, without: Collection[float]) -> list[Term]:
         """The terms of an effect once more, for a further one of it: all shapes but some first ones."""
         key = replace(term, instance=instance).key
         if key not in self.numbers_of:
             for other in self.with_key(term.key):
-                if other.shape[0] not in but:
+                if other.shape[0] not in without:
                     self._take_in(replace(other, instance=instance))
         return self.with_key(key)
 
@@ -175,22 +161,33 @@ class Library:
         if effect is None:
             return []
         out: list[Term] = []
-        for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
-            if not parameter.continuous or value in parameter.kinds:
-                continue
-            grid = sorted({t.shape[i] for t in self.with_key(term.key)} - set(parameter.kinds))
-            at = grid.index(value)
-            for near in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
-                between = float(value + share * (near - value))
-                # A length at which a curve is linearised may not pass through none.
-                through_none = effect.search.at_shape and value * near < 0.0
-                if through_none or np.abs(np.subtract(grid, between)).min() < 1e-9:
-                    continue
+        for i in range(len(term.shape)):
+            for between in self._between(term, i, share):
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
-                self._add(effect, term.flight, list(term.places), shape, term.log_shape)
+                flights = list(term.places)
+                self._add(effect, term.flight, flights, shape=shape, log_shape=term.log_shape)
                 out.append(self.terms[-1])
         if out:
             self._reach()
+        return out
+
+    def _between(self, term: Term, i: int, share: float) -> list[float]:
+        """Values of a shape parameter of an effect on the way to its neighbours on the grid."""
+        parameter = term.named.shapes[i]
+        value = term.shape[i]
+        if not parameter.continuous or value in parameter.kinds:
+            return []
+        tried = {t.shape[i] for t in self.with_key(term.key)}
+        grid = sorted(tried - set(parameter.kinds))
+        at = grid.index(value)
+        out = []
+        for neighbour in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
+            between = float(value + share * (neighbour - value))
+            # A length at which a curve is linearised may not pass through none.
+            through_none = term.named.search.at_shape and value * neighbour < 0.0
+            nearest = np.abs(np.subtract(grid, between)).min()
+            if not through_none and nearest >= 1e-9:
+                out.append(between)
         return out
 
     def _usable(self, effect: Effect) -> list[int]:
@@ -198,6 +195,7 @@ class Library:
         return [f for f, record in enumerate(self.records) if self._reason(effect, record) is None]
 
     def _reason(self, effect: Effect, record: Record) -> str | None:
+        """Why a flight cannot show an effect; None where it can."""
         if effect.search.needs_moments and 3 not in record.axes:
             return "this log cannot judge moments"
         forces = {AXES.index(a) for a in effect.axes} & {0, 1, 2}
@@ -205,24 +203,33 @@ class Library:
             return "this log cannot judge the force that it makes"
         return effect.lacking(record.context)
 
-    def _add_effect(self, effect: Effect, usable: Sequence[int]) -> None:
-        groups: list[tuple[int | None, Sequence[int]]]
-        if effect.all_of_day:
-            groups = [(f, [f]) for f in usable]
+    def _add_effect(self, effect: Effect) -> None:
+        usable = self._usable(effect)
+        if not usable:
+            self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
+        elif effect.search.remainder:
+            self.remainders.append(effect)
+        elif effect.all_of_day:
+            for flight in usable:
+                self._add_shapes(effect, flight, [flight])
         else:
-            groups = [(None, usable)]
-        for flight, flights in groups:
-            shapes = list(dict.fromkeys(effect.shape_grid(self.records[flights[0]].context)))
-            priors = dict(zip(shapes, log_shapes(effect, shapes), strict=True))
-            if effect.search.may_begin and (effect.all_of_day or len(self.records) == 1):
-                effect = effect.for_a_time
-                priors = self._begun(effect, flights[0], priors)
-            for shape, log_shape in priors.items():
-                self._add(effect, flight, flights, shape, log_shape)
+            self._add_shapes(effect, None, usable)
+
+    def _add_shapes(self, effect: Effect, flight: int | None, flights: Sequence[int]) -> None:
+        """Every shape of an effect, of one flight or of the vehicle."""
+        first = flights[0]
+        grid = effect.shape_grid(self.records[first].context)
+        shapes = list(dict.fromkeys(grid))
+        priors = dict(zip(shapes, log_shapes(effect, shapes), strict=True))
+        if effect.search.may_begin and (effect.all_of_day or len(self.records) == 1):
+            effect = effect.for_a_time
+            priors = self._begun(effect, first, priors)
+        for shape, log_shape in priors.items():
+            self._add(effect, flight, flights, shape=shape, log_shape=log_shape)
 
     def _begun(
-        self, effect: Effect, flight: int, priors: Mapping[tuple[float, ...], float]
-    ) -> dict[tuple[float, ...], float]:
+        self, effect: Effect, flight: int, priors: Mapping[Shape, float]
+    ) -> dict[Shape, float]:
         """Shapes with their log priors, all the time and for times between which a flight's residual changes."""
         record = self.records[flight]
         always = (NONE_S, NONE_S)
@@ -238,32 +245,37 @@ class Library:
         effect: Effect,
         flight: int | None,
         flights: Sequence[int],
-        shape: tuple[float, ...],
+        *,
+        shape: Shape,
         log_shape: float,
     ) -> None:
         """One shape of an effect: numbers for coefficients and model-form errors, and columns in every channel."""
         context = self.records[flights[0]].context
         spread, centre = prior_of(effect, context, shape)
         places, priors = self._numbered(effect, flights, spread, centre)
-        bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
-        for parts in zip_longest(*bent):
+        errors_of_form = []
+        for f in flights:
+            errors_of_form.append(self._write(effect, f, shape, spread, places[f]))
+        for errors in zip_longest(*errors_of_form):
             column = np.array([self.size])
-            for f, part in zip(flights, parts, strict=True):
-                if part is not None:
-                    self._put(f, self._searched_axes(effect, f), column, part[..., None])
+            for f, error in zip(flights, errors, strict=True):
+                if error is not None:
+                    axes = self._searched_axes(effect, f)
+                    self._put(f, axes, column, error[..., None])
             priors.append(Prior(column=self.size, scale=FORM_PRIOR))
             self.size += 1
+        columns, scale, means, low, high, main = map(np.array, zip(*priors, strict=True))
         self._take_in(
             Term(
                 name=effect.name,
                 effect=effect,
                 shape=shape,
-                columns=np.array([p.column for p in priors]),
-                scale=np.array([p.scale for p in priors]),
-                centre=np.array([p.centre for p in priors]),
-                low=np.array([p.low for p in priors]),
-                high=np.array([p.high for p in priors]),
-                main=np.array([p.main for p in priors]),
+                columns=columns,
+                scale=scale,
+                centre=means,
+                low=low,
+                high=high,
+                main=main,
                 log_shape=log_shape,
                 log_odds=effect.search.log_odds(context),
                 places=places,
@@ -282,86 +294,86 @@ class Library:
         """Numbers of an effect's coefficients on every flight, the same on all but those of one flight, and priors."""
         priors: list[Prior] = []
         places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
-        for i, c in enumerate(effect.coefficients):
-            for j, f in enumerate(flights):
-                if j == 0 or (effect.of_day(c) and not effect.all_of_day):
-                    own = self.records[f].context
-                    priors.append(
-                        Prior(
-                            column=self.size,
-                            scale=spread[i],
-                            centre=centre[i] / spread[i],
-                            low=c.least(own) / spread[i],
-                            high=c.most(own) / spread[i],
-                            main=float(c.name in effect.main_names),
-                        )
+        for i, coefficient in enumerate(effect.coefficients):
+            of_one_flight = effect.of_day(coefficient) and not effect.all_of_day
+            for f in flights:
+                if f == flights[0] or of_one_flight:
+                    context = self.records[f].context
+                    prior = Prior(
+                        column=self.size,
+                        scale=spread[i],
+                        centre=centre[i] / spread[i],
+                        low=coefficient.least(context) / spread[i],
+                        high=coefficient.most(context) / spread[i],
+                        main=float(coefficient.name in effect.main_names),
                     )
+                    priors.append(prior)
                     self.size += 1
                 places[f][i] = self.size - 1
         return places, priors
 
     def _write(
-        self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns
+        self, effect: Effect, f: int, shape: Shape, spread: Array, place: Columns
     ) -> list[Array]:
         """Columns of an effect in the channels of one flight; its model-form errors there, (n, 6) each."""
         record = self.records[f]
+        every = self.every[f]
         if effect.mixing is not None:
             self._mix(effect, f, effect.mixing(shape) * spread, place)
             return []
         x = regressors_of(effect, record, shape) * spread
-        bent: list[Array] = []
-        for i in _with_errors_of_form(effect):
-            bent += [b[:: self.every[f]] for b in bent_forms(x[:, :, i], record)]
-        self._put(f, self._searched_axes(effect, f), place, x[:: self.every[f]])
+        axes = self._searched_axes(effect, f)
+        self._put(f, axes, place, x[::every])
         if effect.kinematic_bias is not None:
-            part = effect.kinematic_bias(record.context, shape) * spread
-            self._bias_columns.setdefault(f, []).append((place, part))
-        return bent
+            bias = effect.kinematic_bias(record.context, shape) * spread
+            self._bias_columns.setdefault(f, []).append((place, bias))
+        return [error[::every] for error in _errors_of_form(effect, record, x)]
 
     def _mix(self, effect: Effect, f: int, mixing: Array, place: Columns) -> None:
         """Columns of an effect whose shape only mixes its regressors: these are taken in once."""
         axes = self._searched_axes(effect, f)
         if (effect.name, f) not in self._unmixed:
             x = unmixed_regressors(effect, self.records[f], ())
-            self._unmixed[effect.name, f] = np.arange(self.size, self.size + x.shape[2])
+            first = self.size
             self.size += x.shape[2]
-            self._put(f, axes, self._unmixed[effect.name, f], x[:: self.every[f]])
-        for a in axes:
-            self._at[f, a].mix(place, self._unmixed[effect.name, f], mixing)
+            columns = np.arange(first, self.size)
+            self._unmixed[effect.name, f] = columns
+            self._put(f, axes, columns, x[:: self.every[f]])
+        for axis in axes:
+            self._at[f, axis].mix(place, self._unmixed[effect.name, f], mixing)
 
     def _put(self, f: int, axes: Iterable[int], columns: Columns, x: Array) -> None:
         """Columns (n, 6, k) in the channels of one flight where they are not zero."""
-        for a in axes:
-            live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
-            if live.size:
-                self._at[f, a].add(columns[live], x[:, a][:, live])
+        for axis in axes:
+            on_axis = x[:, axis]
+            size = np.abs(on_axis).max(axis=0)
+            acting = np.flatnonzero(size > 0.0)
+            if acting.size:
+                self._at[f, axis].add(columns[acting], on_axis[:, acting])
 
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
-        wanted = effect.search.searched or AXES
-        return [a for a in self.records[f].axes if AXES[a] in wanted]
+        searched = effect.search.searched or AXES
+        return [axis for axis in self.records[f].axes if AXES[axis] in searched]
 
-    def _channel(self, f: int, a: int) -> ResidualChannel:
+    def _channel(self, f: int, axis: int) -> ResidualChannel:
         record = self.records[f]
         every = self.every[f]
-        residual = np.nan_to_num(record.residual[::every, a])
+        residual = np.nan_to_num(record.residual[::every, axis])
         return ResidualChannel(
-            f, a, residual, valid_before(record.valid[::every]), hundredths(record.context)[a]
+            flight=f,
+            axis=axis,
+            y=residual,
+            run=valid_before(record.valid[::every]),
+            limit=hundredths(record.context)[axis],
         )
 
-    def _add_trim(self) -> Columns:
+    def _add_trims(self, more_trims: Sequence[Sequence[Array]]) -> Columns:
         """What every flight has without any effect, as columns of no term."""
         first = self.size
         for f, record in enumerate(self.records):
-            share = np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM)
-            constant = np.diag(hundredths(record.context) * share)
-            trims = [np.broadcast_to(constant[a], (len(record.valid), 6)) for a in record.axes]
-            trims.append(_late_rotors(record))
-            # An accelerometer of its own, not the velocity's derivative.
-            if np.isfinite(record.kinematic_bias).any():
-                trims += [_late_velocity(record), *_off_centre(record)]
-            trims += self._beside[f]
-            for x in trims:
-                self._put(f, record.axes, np.array([self.size]), x[:: self.every[f], :, None])
+            for x in (*trims_of(record), *more_trims[f]):
+                column = np.array([self.size])
+                self._put(f, record.axes, column, x[:: self.every[f], :, None])
                 self._trims.append((f, x))
                 self.size += 1
         return np.arange(first, self.size)
@@ -384,29 +396,39 @@ class Library:
         record = self.records[flight]
         x = regressors_of(effect, record, term.shape)
         spread = term.scale[term.place(flight)]
-        bent: list[Array] = []
-        for i in _with_errors_of_form(effect):
-            bent += bent_forms(x[:, :, i] * spread[i], record)
+        # None where a map stands for them; on a flight that varies less there may be fewer than the term has.
         forms = int(term.form.sum())
-        out = np.zeros((len(x), 6, forms))
-        for j, part in enumerate(bent[:forms]):
-            out[:, :, j] = part
-        return x, out
+        errors = np.zeros((len(x), 6, forms))
+        for i, error in enumerate(_errors_of_form(effect, record, x * spread)[:forms]):
+            errors[:, :, i] = error
+        return x, errors
 
-    def _add_curve(self, curve: Curve, known: bool) -> None:
-        widths = {p.shape[1] for p in curve.parts if p is not None}
-        columns = np.arange(self.size, self.size + max(widths))
-        self.size += len(columns)
+    def _add_curves(self) -> None:
+        """Free curves; they are less likely where an effect goes with the channel."""
+        known: set[tuple[str, str]] = set()
+        for term in self.terms:
+            known.update(product(term.named.channels, term.named.axes))
+        for curve in curves(self.records):
+            explained = (curve.name, AXES[curve.axis]) in known
+            if explained or curve.name in ATTITUDE:
+                self._add_curve(curve, curve.odds * KNOWN)
+            else:
+                self._add_curve(curve, curve.odds)
+
+    def _add_curve(self, curve: Curve, odds: float) -> None:
+        width = max(part.shape[1] for part in curve.parts if part is not None)
+        columns = np.arange(self.size, self.size + width)
+        self.size += width
         places: dict[int, Columns] = {}
-        for f, (record, part) in enumerate(zip(self.records, curve.parts, strict=True)):
+        for f, part in enumerate(curve.parts):
+            record = self.records[f]
             if part is None or curve.axis not in record.axes:
                 continue
             places[f] = columns
             force = AMPLITUDE * hundredths(record.context)[curve.axis] * part
             self._curves[int(columns[0]), f] = force
             self._at[f, curve.axis].add(columns, force[:: self.every[f]])
-        one = np.ones(len(columns))
-        log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
+        one = np.ones(width)
         self._take_in(
             Term(
                 name=curve.name,
@@ -418,7 +440,7 @@ class Library:
                 low=-np.inf * one,
                 high=np.inf * one,
                 log_shape=0.0,
-                log_odds=log_odds,
+                log_odds=float(np.log(odds)),
                 main=one,
                 places=places,
                 flight=None,
@@ -427,98 +449,28 @@ class Library:
         )
 
     def _reach(self) -> None:
-        """Let every channel know of all columns."""
+        """Let every channel, and the offsets of the accelerometers, know of all columns."""
         for channel in self.channels:
             channel.reach(self.size)
         known = [f for f, mean in enumerate(self._bias_mean) if np.isfinite(mean).all()]
-        self.bias = np.ravel([self._bias_mean[f] / KINEMATIC_SD_M_S2 for f in known])
+        means = [self._bias_mean[f] / KINEMATIC_SD_M_S2 for f in known]
+        self.bias = np.ravel(means)
         self.x_bias = np.zeros((len(self.bias), self.size))
-        for rows, f in enumerate(known):
+        for number, f in enumerate(known):
+            rows = slice(3 * number, 3 * number + 3)
             for columns, part in self._bias_columns.get(f, []):
-                self.x_bias[3 * rows : 3 * rows + 3, columns] += part / KINEMATIC_SD_M_S2
+                self.x_bias[rows, columns] += part / KINEMATIC_SD_M_S2
 
 
-class Design:
-    """A set of terms on the channels: the columns of the terms, the trims behind them."""
-
-    def __init__(self, library: Library, terms: Sequence[Term]) -> None:
-        self.library = library
-        self.terms = tuple(terms)
-        columns = [t.columns for t in terms]
-        centres = [t.centre for t in terms]
-        widths = [len(of_term) for of_term in (*columns, library.trim)]
-        self.edges = list(accumulate(widths[:-1], initial=0))
-        self.columns = np.concatenate([*columns, library.trim])
-        self.centre = np.concatenate([*centres, np.zeros(len(library.trim))])
-        self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(
-            np.arange(len(widths)), widths
-        )
-        """(terms, k) which columns are whose."""
-        self.products: dict[Whitened, Array] = {}
-        """Inner products of residual and columns (1 + k, 1 + k), as far as they were needed."""
-
-    @cached_property
-    def _acting(self) -> list[list[tuple[Columns, Array]]]:
-        """Of every axis of every flight the columns that act on it, by their numbers (m,), and their rows (m, n)."""
-        out = []
-        for axes in self.library.flights:
-            out.append([self._on(channel) for channel in axes])
-        return out
-
-    def _on(self, channel: ResidualChannel) -> tuple[Columns, Array]:
-        rows = channel.where[self.columns]
-        on = np.flatnonzero(rows >= 0)
-        return on, channel.rows[rows[on]]
-
-    def times(self, b: Array) -> list[Array]:
-        """What rows of coefficients (m, k) do on every flight, (axes, m, n)."""
-        out = []
-        for axes in self._acting:
-            done = np.empty((len(axes), len(b), axes[0][1].shape[1]))
-            for (on, x), place in zip(axes, done, strict=True):
-                np.matmul(b[:, on], x, out=place)
-            out.append(done)
-        return out
-
-
-def _with_errors_of_form(effect: Effect) -> list[int]:
-    """Coefficients whose contribution may have another form than its equation says."""
+def _errors_of_form(effect: Effect, record: Record, x: Array) -> list[Array]:
+    """Model-form errors (n, 6) of contributions (n, 6, k): of laws that may have another form than the equation."""
     if effect.search.exact or effect.mixing is not None:
         return []
-    return [i for i, c in enumerate(effect.coefficients) if c.name in effect.main_names]
-
-
-def _late_rotors(record: Record) -> Array:
-    """Lift (n, 6) by rotor speeds that are late by a standard deviation."""
-    out = np.zeros((len(record.valid), 6))
-    change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
-    # None beside a gap: that is no change of lift.
-    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(change)
+    out: list[Array] = []
+    for i, coefficient in enumerate(effect.coefficients):
+        if coefficient.name in effect.main_names:
+            out += bent_forms(x[:, :, i], record)
     return out
-
-
-def _late_velocity(record: Record) -> Array:
-    """What the usual drag misses (n, 6) where the velocity is late by a standard deviation."""
-    out = np.zeros((len(record.valid), 6))
-    mass_flow = record.context.mass_flow.sum(axis=-1)[:, None]
-    drag = USUAL_DRAG * mass_flow * record.context.velocity[:, :2]
-    out[:, :2] = CLOCK_SD_S * np.nan_to_num(np.gradient(drag, record.step_s, axis=0))
-    return out
-
-
-def _off_centre(record: Record) -> Iterator[Array]:
-    """What an accelerometer off the centre of gravity feels of turning (n, 6), for a standard deviation along x, y, z.
-
-    Acceleration of a point of a rigid body: Goldstein, Classical Mechanics, ch. 4.
-    """
-    ctx = record.context
-    rates = ctx.state.rates
-    turn = np.gradient(rates, record.step_s, axis=0)
-    for at in OFF_CENTRE * ctx.lever * np.eye(3):
-        out = np.zeros((len(record.valid), 6))
-        felt = np.cross(turn, at) + np.cross(rates, np.cross(rates, at))
-        out[:, :3] = ctx.vehicle.mass_kg * np.nan_to_num(felt)
-        yield out
 
 
 def _mean(x: Array) -> Array:

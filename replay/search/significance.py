@@ -9,7 +9,7 @@ import numpy as np
 
 from models.common.frames import Array
 from replay.search.channel import ResidualChannel
-from replay.search.library import Design
+from replay.search.design import Design
 from replay.search.terms import STEP_S, Term, log_mass
 from replay.search.thresholds import (
     CANCEL,

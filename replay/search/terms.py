@@ -23,6 +23,8 @@ from replay.search.thresholds import (
 Key = tuple[str, int | None, str | None, int]
 """Name, flight (of an effect of one flight), axis (of a free curve) and which of several such effects (from 1): what
 may be in a set only once."""
+Shape = tuple[float, ...]
+"""Shape parameters of an effect, in their order."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
 
@@ -36,7 +38,7 @@ class Term:
 
     name: str
     effect: Effect | None
-    shape: tuple[float, ...]
+    shape: Shape
     columns: Columns
     scale: Array
     centre: Array
@@ -110,7 +112,7 @@ def log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
     return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
 
 
-def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:
+def prior_of(effect: Effect, context: Context, shape: Shape) -> tuple[Array, Array]:
     """Standard deviation and mean of the prior of every coefficient (k,), in the coefficients' own units."""
     spread = np.array([c.spread(context) for c in effect.coefficients])
     centre = np.array([c.mean(context) for c in effect.coefficients])
@@ -120,7 +122,7 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
     return spread, centre
 
 
-def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
+def regressors_of(effect: Effect, record: Record, shape: Shape) -> Array:
     """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
     x = unmixed_regressors(effect, record, shape)
     if effect.mixing is None:
@@ -128,7 +130,7 @@ def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> A
     return np.asarray(x @ effect.mixing(shape))
 
 
-def unmixed_regressors(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
+def unmixed_regressors(effect: Effect, record: Record, shape: Shape) -> Array:
     """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
     with np.errstate(invalid="ignore", over="ignore"):
         return np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
@@ -167,7 +169,7 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     return out
 
 
-def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[float]:
+def log_shapes(effect: Effect, shapes: Sequence[Shape]) -> list[float]:
     """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say.
 
     A shape v has exp(-1/2 sum (v_i / typical_i)^2) over the sum of all that are kinds, or of all that are not.

@@ -23,9 +23,10 @@ from replay.residual.record import Record
 from replay.search import results
 from replay.search.channel import hundredths
 from replay.search.curves import LEANS, curves
+from replay.search.design import Design
 from replay.search.estimates import IntervalEstimate
 from replay.search.evidence import Evidence, Fit
-from replay.search.library import Design, Library
+from replay.search.library import Library
 from replay.search.noise import Noise
 from replay.search.noise_spectra import spectra, valid_before, whitened_energies
 from replay.search.posterior import canonical
