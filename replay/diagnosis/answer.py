@@ -31,8 +31,9 @@ from replay.search.curves import CarryingChannel
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import FlightFit
 from replay.search.least_visible import Visible
+from replay.search.pruning import corrected_together
 from replay.search.remainder import Outside
-from replay.search.results import Found, Searched, corrected_together
+from replay.search.results import Found, Searched
 from replay.sources.choose import source_notes, sources_json
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")

@@ -11,7 +11,7 @@ from measured.known import read
 
 from models.vehicle import load_vehicle
 from replay.diagnosis.diagnose import diagnose
-from replay.search import results
+from replay.search import pruning
 from replay.search.posterior import Walked
 
 
@@ -41,8 +41,8 @@ def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, *tuple[float, ...]]
             )
         ]
 
-    monkeypatch.setattr(results, "flight_fits", flights)
-    answer = results._predictive(walked)
+    monkeypatch.setattr(pruning, "flight_fits", flights)
+    answer = pruning.predictive(walked)
     return answer.best.key, set(answer.fits)
 
 
@@ -74,7 +74,7 @@ def test_one_effect_more_is_no_rival(monkeypatch):
 
 def test_an_unlikely_set_is_not_asked(monkeypatch):
     best, _ = chosen(
-        monkeypatch, (("wind",), 0.0, 400.0), (("rotor_drag",), -1.0 - results.NEAR, 80.0)
+        monkeypatch, (("wind",), 0.0, 400.0), (("rotor_drag",), -1.0 - pruning.NEAR, 80.0)
     )
     assert best == {"wind"}
 

@@ -49,11 +49,11 @@ def test_a_setting_reaches_every_module_that_holds_the_number_and_no_longer_than
 
 
 def test_a_function_that_is_off_changes_nothing():
-    with used(parse(["_predictive=off"])):
-        assert replay.search.results._predictive("what the walk came to") == "what the walk came to"
+    with used(parse(["predictive=off"])):
+        assert replay.search.results.predictive("what the walk came to") == "what the walk came to"
 
 
-@pytest.mark.parametrize("word", ["TRUTS=0.25", "_predictiv=off", "TRUST=off", "_predictive=0.0"])
+@pytest.mark.parametrize("word", ["TRUTS=0.25", "predictiv=off", "TRUST=off", "predictive=0.0"])
 def test_what_no_module_has_is_refused_by_name(word):
     with pytest.raises(ValueError, match=word.split("=")[0]), used(parse([word])):
         pass

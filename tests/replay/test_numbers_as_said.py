@@ -23,7 +23,7 @@ from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.words import estimate_text, explains_text, size_text
 from replay.residual.record import Record
-from replay.search import results
+from replay.search import pruning, results
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import Acting, FlightFit
 from replay.search.posterior import Walked, class_of
@@ -343,9 +343,9 @@ def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_t
     keys = list(fit.effects)
     assert all(fit.gain(key, [0]) > 0.0 for key in keys)
     assert fit.energy(fit.after, [0]) > fit.energy(fit.before, [0])
-    (mended,), without = results._by_axis([fit], keys)
+    (mended,), without = pruning._by_axis([fit], keys)
     assert mended.energy(mended.after, [0]) <= mended.energy(mended.before, [0]) * (
-        1.0 + results.WORSE_SHARE
+        1.0 + pruning.WORSE_SHARE
     )
     assert without
 
@@ -353,13 +353,13 @@ def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_t
 def test_an_effect_that_acts_on_no_axis_that_it_carries_is_no_name(
     quiet: Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    judged = results._by_axis
+    judged = pruning._by_axis
 
     def nowhere(fits, keys):
         fits, without = judged(fits, keys)
         return fits, without | {key: ("Fx", "Fy") for key in keys if key[0] == "rotor_drag"}
 
-    monkeypatch.setattr(results, "_by_axis", nowhere)
+    monkeypatch.setattr(pruning, "_by_axis", nowhere)
     dragged = added(with_velocity(quiet, 4.0), "rotor_drag", (0.0,), 0.6)
     answer = conclude([dragged], effects=some("rotor_drag"))
     assert not answer.found

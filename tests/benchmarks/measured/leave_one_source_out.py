@@ -37,7 +37,7 @@ SETTINGS = (
 )  # fmt: skip
 """What is tried: the search as it is first, then one number changed at a time."""
 RULES = (
-    "", "CANCEL_COST=0", "CURVE_FORM=0", "MARGIN=0", "NAMED=1e9", "_predictive=off", "WORSE_SHARE=1e9",
+    "", "CANCEL_COST=0", "CURVE_FORM=0", "MARGIN=0", "NAMED=1e9", "predictive=off", "WORSE_SHARE=1e9",
     "with_surface_law=off", "FORM_LEFT=0", "LOUDEST=1e9", "FITTED_SHARE=1", "KNOWN=1", "REACTION_ODDS=2e-4",
 )  # fmt: skip
 """The search as it is, then without one rule at a time (docs/lab/rules.md)."""

@@ -1,4 +1,4 @@
-"""``replay`` with a search that is changed: ``TRUST=0.25 _predictive=off -- diagnose LOG...``.
+"""``replay`` with a search that is changed: ``TRUST=0.25 predictive=off -- diagnose LOG...``.
 
 A name is a constant or a function of a module of ``replay.search``; every module that holds it gets the value. A
 function that is ``off`` gives its first argument back. A name that no module holds is refused, so that a renamed one
@@ -41,7 +41,7 @@ def used(settings: Mapping[str, Value]) -> Iterator[None]:
 
 
 def parse(words: Sequence[str]) -> dict[str, Value]:
-    """``["TRUST=0.25", "_predictive=off"]`` by name."""
+    """``["TRUST=0.25", "predictive=off"]`` by name."""
     return {
         name: OFF if value == OFF else float(value) for name, value in (w.split("=") for w in words)
     }

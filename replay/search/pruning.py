@@ -1,0 +1,173 @@
+"""What held-out time takes away from the likeliest set: whole sets, effects, and axes of effects (steps 5 to 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import product
+
+from models.common.frames import AXES
+from models.effects import Effect
+from replay.search.evidence import Fit
+from replay.search.held_out import FlightFit, flight_fits
+from replay.search.posterior import Walked
+from replay.search.terms import Key
+from replay.search.thresholds import HELD_OUT, NEAR, RIVALS, WORSE_SHARE
+
+AxesOfKeys = dict[Key, tuple[str, ...]]
+
+
+def predictive(walked: Walked) -> Walked:
+    """Pass over sets that fit well and leave far more of held-out time than others: they cancel or chase noise.
+
+    The likeliest set is taken whose energy of held-out time is no more than ``HELD_OUT`` times the least. More effects
+    of the same kind always leave less: whether they are large enough to be named is decided already.
+    """
+    rivals = _rivals(walked)
+    left = {fit.key: _left(flight_fits(walked.evidence, fit)) for fit in rivals}
+    most = HELD_OUT * min(left.values())
+    chosen = next(fit for fit in rivals if left[fit.key] <= most)
+    if chosen.key == walked.best.key:
+        return walked
+    return walked.at_most(chosen)
+
+
+def helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
+    """The best set without the effects that raise the error of held-out time, and every flight under it."""
+    fits = flight_fits(walked.evidence, walked.best)
+    gains = {t.key: share(fits, t.key) for t in walked.best.of_effects}
+    worst = min(gains, key=lambda key: gains[key], default=None)
+    if worst is None or gains[worst] > -WORSE_SHARE:
+        return walked, fits
+    return helpful(walked.without(worst))
+
+
+def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
+    """The best set with every effect on the axes that it helps; by key, the axes on which it does not act.
+
+    What acts on none of the axes that it carries is no name: the set is weighed again without it.
+    """
+    walked, whole = helpful(walked)
+    terms = walked.best.of_effects
+    joint_names = corrected_together(t.named for t in terms)
+    joint = [t.key for t in terms if t.name in joint_names]
+    single = [t.key for t in terms if t.name not in joint_names]
+    fits, without = _by_axis(whole, single)
+    of_joint = set[str]()
+    for key in joint:
+        of_joint |= carried(whole, key)
+    for axis in _worse_axes(fits):
+        # A map and its laws leave an axis as one, where it is none of theirs.
+        if AXES[axis] not in of_joint:
+            fits = [_without(fit, joint, axis) for fit in fits]
+            for key in joint:
+                without[key] = (*without.get(key, ()), AXES[axis])
+    idle = [key for key, axes in without.items() if carried(whole, key) <= set(axes)]
+    if not idle:
+        return walked, fits, without
+    worst = min(idle, key=lambda key: (share(whole, key), str(key)))
+    return acting(walked.without(worst))
+
+
+def corrected_together(effects: Iterable[Effect]) -> set[str]:
+    """A map of surfaces and the laws that it corrects: only their sum is known well."""
+    out: set[str] = set()
+    for effect in effects:
+        if effect.search.remainder:
+            out.update((effect.name, *effect.aliases))
+    return out
+
+
+def share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = None) -> float:
+    """Share of the energy of held-out time, of all or of some axes, that one effect removes beside the others."""
+    before, _ = _energies(fits, axes)
+    gain = sum(fit.gain(key, axes) for fit in fits)
+    return round(gain / max(before, 1e-12), 9)
+
+
+def carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
+    """Axes on which an effect clearly acts."""
+    out: set[str] = set()
+    for fit in fits:
+        if key in fit.effects:
+            out.update(fit.effects[key].axes)
+    return out
+
+
+def _rivals(walked: Walked) -> list[Fit]:
+    """The likeliest sets of effects, the best first; none that holds all effects of a likelier one."""
+    out: dict[frozenset[str], Fit] = {}
+    for fit in (walked.best, *walked.ranked()):
+        names = frozenset(fit.effects)
+        near = fit.score > walked.best.score - NEAR
+        larger = any(other < names for other in out)
+        if near and len(out) < RIVALS and not larger:
+            out.setdefault(names, fit)
+    return list(out.values())
+
+
+def _left(fits: Sequence[FlightFit]) -> float:
+    """Energy of held-out time beside a set; of an axis that it makes worse, as without it: it will not act there."""
+    return sum(min(_energies(fits, [axis])) for axis in _judged(fits))
+
+
+def _judged(fits: Sequence[FlightFit]) -> list[int]:
+    """Axes that some flight can judge."""
+    axes = set[int]()
+    for fit in fits:
+        axes.update(fit.record.axes)
+    return sorted(axes)
+
+
+def _energies(fits: Sequence[FlightFit], axes: Sequence[int] | None) -> tuple[float, float]:
+    """Of held-out time, of all or of some axes, without and with all effects."""
+    before = sum(fit.energy(fit.before, axes) for fit in fits)
+    after = sum(fit.energy(fit.after, axes) for fit in fits)
+    return before, after
+
+
+def _worse_axes(fits: Sequence[FlightFit]) -> list[int]:
+    """Axes of which all effects together raise the error of held-out time."""
+    out = []
+    for axis in _judged(fits):
+        before, after = _energies(fits, [axis])
+        raised = (after - before) / max(before, 1e-12)
+        if raised > WORSE_SHARE:
+            out.append(axis)
+    return out
+
+
+def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[FlightFit], AxesOfKeys]:
+    """Every flight without effects on axes of which they raise the error of held-out time; by ``keys``, these axes.
+
+    One after the other, the worst first: the others are judged beside what is left. Each may help beside the others
+    while all together do harm: on such an axis the one that helps least goes, until they do none.
+    """
+    fits = list(fits)
+    without: AxesOfKeys = {}
+    while True:
+        worse = _worse_axes(fits)
+        harmful: dict[tuple[Key, int], float] = {}
+        for key, axis in product(keys, _judged(fits)):
+            if AXES[axis] in without.get(key, ()):
+                continue
+            gain = share(fits, key, [axis])
+            harms_beside = axis in worse and _acts_on(fits, key, axis)
+            if gain < -WORSE_SHARE or harms_beside:
+                harmful[key, axis] = gain
+        if not harmful:
+            return fits, without
+        key, axis = min(harmful, key=lambda pair: (harmful[pair], str(pair)))
+        fits = [_without(fit, [key], axis) for fit in fits]
+        without[key] = (*without.get(key, ()), AXES[axis])
+
+
+def _acts_on(fits: Sequence[FlightFit], key: Key, axis: int) -> bool:
+    return any(f.effects[key].held_out[:, axis].any() for f in fits if key in f.effects)
+
+
+def _without(fit: FlightFit, keys: Sequence[Key], axis: int) -> FlightFit:
+    """The same with effects that do not act on one axis."""
+    for key in keys:
+        if key in fit.effects:
+            fit = fit.without_axis(key, axis)
+    return fit
