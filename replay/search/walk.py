@@ -9,7 +9,7 @@ every near alternative has its weight (Occam's window: Madigan & Raftery 1994, J
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
 
@@ -55,11 +55,12 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     account = Account(evidence, allowed(records))
     empty = evidence.fit([], evidence.noises.unfitted)
     sets = Sets(evidence, {empty.key: empty})
-    _grown(sets, empty, MOST + MOST_A_FLIGHT * (len(records) - 1), account)
-    best = max(sets.fits.values(), key=lambda f: f.score)
+    most_terms = MOST + MOST_A_FLIGHT * (len(records) - 1)
+    _grow(sets, empty, most_terms, account)
+    best = _best(list(sets.fits.values()))
     for _ in range(3):
         best = _sharpened(sets, _settled(sets, best, account))
-        _exchanged(sets, best, account)
+        _weigh_exchanges(sets, best, account)
         known = best.key
         best = canonical(list(sets.fits.values()))
         if best.key <= known:
@@ -95,7 +96,7 @@ class Account:
         return False
 
 
-def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
+def _grow(sets: Sets, empty: Fit, most: int, account: Account) -> None:
     """Sets of one term more, again and again, from the best ones."""
     beam = [empty]
     for _ in range(most):
@@ -103,98 +104,123 @@ def _grown(sets: Sets, empty: Fit, most: int, account: Account) -> None:
             break
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
-            for term in additions(sets, fit, TRIED):
-                if not account.lasts(GROWING, LARGER):
-                    break
-                new = _with(sets, fit, term)
-                if fit.score - BETWEEN < new.score <= fit.score:
-                    new = _sharpened(sets, new, only=term.key)
+            for new in _larger(sets, fit, account):
                 if new.promise > fit.promise:
                     grown[new.key] = new
         if not grown:
             break
+        likeliest = sorted(grown.values(), key=lambda f: -round(f.promise, 6))
         polished: dict[frozenset[Key], Fit] = {}
-        for fit in sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]:
-            light = lighter(sets, _sharpened(sets, _reshaped(sets, fit)))
+        for fit in likeliest[:BEAM]:
+            shaped = _sharpened(sets, _reshaped(sets, fit))
+            light = lighter(sets, shaped)
             polished[light.key] = light
         beam = list(polished.values())
 
 
-def additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
+def _larger(sets: Sets, fit: Fit, account: Account) -> Iterator[Fit]:
+    """A set with each of the terms that may be added; where it falls a little short, between the grid's points."""
+    for term in additions(sets, fit, TRIED):
+        if not account.lasts(GROWING, LARGER):
+            break
+        new = _with(sets, fit, term)
+        if fit.score - BETWEEN < new.score <= fit.score:
+            new = _sharpened(sets, new, only=term.key)
+        yield new
+
+
+def additions(sets: Sets, fit: Fit, most: int) -> list[Term]:
     """The best shapes of what might be added, beside the set's own noise and beside quiet noise.
 
     What is certain but far too small for a name would stand in the way of what is larger.
     """
     evidence = sets.evidence
-    taken = {t.key for t in fit.terms}
-    inside: set[str] = set()
-    for t in fit.of_effects:
-        inside.update(t.named.contains)
-    rivals = []
-    names = fit.effects
-    for i, t in enumerate(evidence.library.terms):
-        holds_one = t.effect is not None and not names.isdisjoint(t.effect.contains)
-        if t.key not in taken and t.name not in inside and not holds_one:
-            rivals.append(i)
+    candidates = _candidates(evidence.library, fit)
     out: list[Term] = []
     for noise in dict.fromkeys((fit.noise, evidence.noises.quiet)):
         if noise is fit.noise:
             near = fit
         else:
             near = evidence.refit(fit.terms, noise)
-        likely = (t for odds, t in evidence.promising(near, rivals) if odds > WORTH_A_LOOK)
-        large = (t for t in likely if evidence.stands_out(near, t) >= HOPELESS)
-        out += [t for t in islice(large, tried) if t not in out]
+        promising = evidence.promising(near, candidates)
+        likely = (term for odds, term in promising if odds > WORTH_A_LOOK)
+        large = (term for term in likely if evidence.stands_out(near, term) >= HOPELESS)
+        out += [term for term in islice(large, most) if term not in out]
+    return out
+
+
+def _candidates(library: Library, fit: Fit) -> list[int]:
+    """Numbers of terms that may stand beside a set: neither in it, nor a part of what is, nor what holds one."""
+    parts: set[str] = set()
+    for term in fit.of_effects:
+        parts.update(term.named.contains)
+    names = fit.effects
+    keys = fit.key
+    out = []
+    for number, term in enumerate(library.terms):
+        holds_one = term.effect is not None and not names.isdisjoint(term.effect.contains)
+        if term.key not in keys and term.name not in parts and not holds_one:
+            out.append(number)
     return out
 
 
 def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
-    """A set and one term more; in other shapes, too, where this one fits but is not possible or worth a name.
-
-    Of those the likely ones are weighed: the others are too small or not possible beside the set's noise already.
-    """
+    """A set and one term more; in other shapes, too, where this one fits but is not possible or worth a name."""
     new = sets.weigh([*fit.terms, term], fit)
-    if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
+    if new.score > fit.score:
         return new
-    evidence = sets.evidence
-    numbers = evidence.library.numbers_of[term.key]
-    if len(numbers) == 1:
+    if_possible_and_large = new.score - new.worth - min(new.within, 0.0)
+    if if_possible_and_large <= fit.score:
         return new
-    screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
-    likely: dict[Term, float] = {}
-    for i in numbers:
-        other = evidence.library.terms[i]
-        likely[other] = TRUST * float(screened[i]) + other.prior
+    for other in _other_shapes(sets.evidence, fit, term):
+        new = sets.weigh([*fit.terms, other], fit)
+    return new
+
+
+def _other_shapes(evidence: Evidence, fit: Fit, term: Term) -> list[Term]:
+    """The likeliest shapes of a term beside a set and its noise, what they deserve counted.
+
+    The others are too small or not possible beside the set's noise already.
+    """
+    if len(evidence.library.numbers_of[term.key]) == 1:
+        return []
+    odds_by_fit = _odds(evidence, fit.terms, fit, term.key)
     odds: dict[Term, float] = {}
     best = -math.inf
-    for other in sorted(likely, key=lambda t: -likely[t]):
-        together = [*fit.terms, other]
-        least = best - ALIAS_NATS - likely[other]
-        if likely[other] > WORTH_A_LOOK and evidence.possible(together) > least:
-            odds[other] = likely[other] + evidence.deserved(together, fit.noise, least)
-            best = max(best, odds[other])
-    for other in sorted(odds, key=lambda t: -odds[t])[:SHAPES]:
-        if odds[other] > best - ALIAS_NATS:
-            new = sets.weigh([*fit.terms, other], fit)
-    return new
+    for shape in sorted(odds_by_fit, key=lambda t: -odds_by_fit[t]):
+        together = [*fit.terms, shape]
+        by_fit = odds_by_fit[shape]
+        least = best - ALIAS_NATS - by_fit
+        if by_fit > WORTH_A_LOOK and evidence.possible(together) > least:
+            odds[shape] = by_fit + evidence.deserved(together, fit.noise, least)
+            best = max(best, odds[shape])
+    likeliest = sorted(odds, key=lambda t: -odds[t])
+    return [shape for shape in likeliest[:SHAPES] if odds[shape] > best - ALIAS_NATS]
+
+
+def _odds(evidence: Evidence, terms: Sequence[Term], fit: Fit, key: Key) -> dict[Term, float]:
+    """Log posterior odds of every shape with a key beside some terms and the noise of a fit."""
+    library = evidence.library
+    gains = evidence.screen(evidence.refit(terms, fit.noise), key)
+    out = {}
+    for number in library.numbers_of[key]:
+        shape = library.terms[number]
+        out[shape] = TRUST * float(gains[number]) + shape.prior
+    return out
 
 
 def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Every member's best shape beside the others."""
     evidence = sets.evidence
-    for term in (t for t in fit.terms if only in (None, t.key)):
-        numbers = evidence.library.numbers_of[term.key]
-        if len(numbers) < 2 or term not in fit.terms:
+    for term in fit.terms:
+        one_shape = len(evidence.library.numbers_of[term.key]) < 2
+        if only not in (None, term.key) or one_shape or term not in fit.terms:
             continue
         others = fit.beside(term)
-        screened = evidence.screen(evidence.refit(others, fit.noise), term.key)
-        odds: dict[Term, float] = {}
-        for i in numbers:
-            other = evidence.library.terms[i]
-            odds[other] = round(TRUST * float(screened[i]) + other.log_shape, 6)
-        rival = max(odds, key=lambda t: odds[t])
-        if rival is not term:
-            new = sets.weigh([*others, rival], fit)
+        odds = _odds(evidence, others, fit, term.key)
+        likeliest = max(odds, key=lambda t: round(odds[t], 6))
+        if likeliest is not term:
+            new = sets.weigh([*others, likeliest], fit)
             if new.score > fit.score:
                 fit = new
     return fit
@@ -202,11 +228,12 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
 
 def _sharpened(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     """Shapes between the points of the grid."""
+    library = sets.evidence.library
     halvings = {t.key: t.named.search.halvings for t in fit.of_effects if only in (None, t.key)}
     for done in range(max(halvings.values(), default=0)):
         for term in fit.terms:
-            wanted = halvings.get(term.key, 0) > done
-            if wanted and term in fit.terms and sets.evidence.library.finer(term, 0.5):
+            unfinished = halvings.get(term.key, 0) > done
+            if unfinished and term in fit.terms and library.finer(term, 0.5):
                 fit = _reshaped(sets, fit, only=term.key)
     return fit
 
@@ -224,35 +251,42 @@ def lighter(sets: Sets, fit: Fit) -> Fit:
 def _settled(sets: Sets, fit: Fit, account: Account) -> Fit:
     """Exchange, add and take away one at a time until nothing is better."""
     for _ in range(6):
-        best = fit
+        tried = [fit]
         for term in fit.terms:
             if not account.lasts(SETTLING, "one effect in place of another"):
-                return best
+                return _best(tried)
             less = sets.weigh(fit.beside(term), fit)
-            tried = [less, *(_with(sets, less, other) for other in additions(sets, less, 4))]
-            best = max([best, *tried], key=lambda f: f.score)
-        grown = [_with(sets, fit, other) for other in additions(sets, fit, TRIED)]
-        best = _reshaped(sets, max([best, *grown], key=lambda f: f.score))
+            tried.append(less)
+            tried += _grown(sets, less, 4)
+        tried += _grown(sets, fit, TRIED)
+        best = _reshaped(sets, _best(tried))
         if best.score <= fit.score + 1e-6:
             return best
         fit = best
     return fit
 
 
-def _exchanged(sets: Sets, fit: Fit, account: Account) -> None:
+def _weigh_exchanges(sets: Sets, fit: Fit, account: Account) -> None:
     """Weigh one in place of two, and two in place of one, so that every alternative is known."""
-
-    def others(gone: Sequence[Term], tried: int) -> list[Fit]:
-        less = sets.weigh([t for t in fit.terms if t not in gone], fit)
-        return [_with(sets, less, other) for other in additions(sets, less, tried)]
-
     for pair in combinations(fit.terms, 2):
         if account.lasts(1.0, "one effect in place of two"):
-            others(pair, 2)
+            others = [t for t in fit.terms if t not in pair]
+            _grown(sets, sets.weigh(others, fit), 2)
     for term in fit.terms:
         if not account.lasts(1.0, "two effects in place of one"):
             return
-        for grown in others([term], 3):
+        less = sets.weigh(fit.beside(term), fit)
+        for grown in _grown(sets, less, 3):
             if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
                 for other in additions(sets, grown, 4):
                     sets.weigh([*grown.terms, other], grown)
+
+
+def _grown(sets: Sets, fit: Fit, most: int) -> list[Fit]:
+    """A set with each of so many additions."""
+    return [_with(sets, fit, term) for term in additions(sets, fit, most)]
+
+
+def _best(fits: Sequence[Fit]) -> Fit:
+    """The likeliest; of equals the first."""
+    return max(fits, key=lambda f: f.score)
