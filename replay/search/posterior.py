@@ -26,6 +26,8 @@ from replay.search.thresholds import (
     SURE,
 )
 
+MOST_EXCHANGED = 2
+"""Terms by which sets may differ whose effects stand in each other's place."""
 Fits = dict[frozenset[Key], Fit]
 """The best fit of every set, by the keys of its terms."""
 
@@ -63,14 +65,17 @@ class Walked:
     def without(self, key: Key) -> Walked:
         """The best set less one term, which makes held-out time worse, weighed anew."""
         sets = Sets(self.evidence, dict(self.fits))
-        less = sets.weigh([t for t in self.best.terms if t.key != key], self.best)
-        return replace(self, fits=sets.fits, best=less, worse=self.worse | {key[0]})
+        others = [t for t in self.best.terms if t.key != key]
+        less = sets.weigh(others, self.best)
+        name = key[0]
+        return replace(self, fits=sets.fits, best=less, worse=self.worse | {name})
 
     def at_most(self, best: Fit) -> Walked:
         """With this set as the best, and without those that are likelier."""
-        fits = {best.key: best} | {
-            key: fit for key, fit in self.fits.items() if fit.score <= best.score
-        }
+        fits = {best.key: best}
+        for key, fit in self.fits.items():
+            if fit.score <= best.score:
+                fits[key] = fit
         return replace(self, fits=fits, best=best)
 
     def ranked(self) -> list[Fit]:
@@ -80,11 +85,11 @@ class Walked:
     def weighted(self) -> list[tuple[Fit, float]]:
         """Sets with their probability exp(score) / sum of exp(score), those of some weight."""
         top = max(f.score for f in self.fits.values())
-        total = sum(float(np.exp(f.score - top)) for f in self.fits.values())
+        total = sum(_likelihood(fit, top) for fit in self.fits.values())
         out = []
         for fit in self.ranked():
             if fit.score > top - NEGLIGIBLE:
-                out.append((fit, float(np.exp(fit.score - top)) / total))
+                out.append((fit, _likelihood(fit, top) / total))
         return out
 
     def probability(self, name: str, aliases: Sequence[str]) -> float:
@@ -120,17 +125,17 @@ def aliases(walked: Walked) -> dict[Key, list[str]]:
     Those of sets that are the same but for a few effects, and about as likely.
     """
     best = walked.best
-    mine = {t.key for t in best.terms}
-    out: dict[Key, list[str]] = {key: [] for key in mine}
+    out: dict[Key, list[str]] = {key: [] for key in best.key}
     for fit in walked.ranked():
-        new = [t for t in fit.terms if t.key not in mine]
-        gone = mine - fit.key
-        few = 0 < len(gone) <= 2 and 0 < len(new) <= 2
-        if few and fit.score >= best.score - ALIAS_NATS and all(t.effect is not None for t in new):
+        new = [t for t in fit.terms if t.key not in best.key]
+        gone = best.key - fit.key
+        few = 0 < len(gone) <= MOST_EXCHANGED and 0 < len(new) <= MOST_EXCHANGED
+        near = fit.score >= best.score - ALIAS_NATS
+        if few and near and all(t.effect is not None for t in new):
+            names = sorted({t.name for t in new})
             for key in gone:
-                for name in sorted({t.name for t in new}):
-                    if name not in (key[0], *out[key]):
-                        out[key].append(name)
+                others = [name for name in names if name not in (key[0], *out[key])]
+                out[key] += others
     return out
 
 
@@ -148,19 +153,25 @@ def class_of(
     for fit, weight in walked.weighted():
         names = fit.effects
         if name in names:
-            acting = [name]
+            members = [name]
         else:
-            acting = [other for other in instead if other in names]
-        acting = [one for one in acting if one not in effect.contains] or acting
-        for one in acting:
-            chances[one] += weight / len(acting)
+            members = [other for other in instead if other in names]
+        members = [one for one in members if one not in effect.contains] or members
+        for member in members:
+            chances[member] += weight / len(members)
     likely = {one: p for one, p in chances.items() if one == name or p >= NO_MEMBER}
     if len(likely) < 2:
         return ()
-    ranked = sorted(likely, key=lambda one: (-likely[one], one))[:MOST_MEMBERS]
-    if name not in ranked:
-        ranked[-1] = name
-    return tuple((one, round(min(likely[one], SURE), 3)) for one in ranked)
+    ranked = sorted(likely, key=lambda one: (-likely[one], one))
+    shown = ranked[:MOST_MEMBERS]
+    if name not in shown:
+        shown[-1] = name
+    return tuple((one, round(min(likely[one], SURE), 3)) for one in shown)
+
+
+def _likelihood(fit: Fit, top: float) -> float:
+    """Over that of the best set, whose score is ``top``."""
+    return float(np.exp(fit.score - top))
 
 
 def _rank(fit: Fit) -> tuple[float, str]:
@@ -177,7 +188,8 @@ def canonical(fits: list[Fit]) -> Fit:
     best = max(fits, key=lambda f: f.score)
     near = [f for f in fits if f.score >= best.score - MARGIN]
     near.sort(key=lambda f: [t.name for t in f.terms])
-    least = min(near, key=lambda f: (len(f.terms), -round(f.score)))
-    if least.key < best.key and least.score < best.score - NAMED:
+    fewest = min(near, key=lambda f: (len(f.terms), -round(f.score)))
+    part_of_best = fewest.key < best.key
+    if part_of_best and fewest.score < best.score - NAMED:
         return best
-    return least
+    return fewest

@@ -35,14 +35,16 @@ class Contributions:
         self.design = design
         self._b = b
         self._cov = cov
-        every = np.vstack([design.of_term, ~design.of_term.any(axis=0)])
-        done = design.times(np.where(every, b, 0.0))
-        self.whole = [d[:, :-1] for d in done]
+        of_trims = ~design.of_term.any(axis=0)
+        of_each = np.vstack([design.of_term, of_trims])
+        terms_and_trims = design.times(np.where(of_each, b, 0.0))
+        self.whole = [each[:, :-1] for each in terms_and_trims]
         self.rest = []
         """What the set leaves of every axis."""
-        for axes, does in zip(design.library.flights, done, strict=True):
-            measured = np.stack([c.rows[0] for c in axes])
-            self.rest.append(measured - does.sum(axis=1))
+        for axes, each in zip(design.library.flights, terms_and_trims, strict=True):
+            measured = np.stack([channel.rows[0] for channel in axes])
+            modelled = each.sum(axis=1)
+            self.rest.append(measured - modelled)
 
     @cached_property
     def main(self) -> list[Array]:
@@ -55,34 +57,38 @@ class Contributions:
         return self._by_main(within_bounds=False)
 
     def _by_main(self, *, within_bounds: bool) -> list[Array]:
-        acting = self._b.copy()
+        b = self._b.copy()
         design = self.design
-        parts = map(slice, design.edges, design.edges[1:])
-        for term, part in zip(design.terms, parts, strict=True):
+        for number, term in enumerate(design.terms):
+            part = slice(design.edges[number], design.edges[number + 1])
             if within_bounds:
-                acting[part] = np.clip(acting[part], term.low, term.high)
+                b[part] = np.clip(b[part], term.low, term.high)
             if (term.main == 0.0).any():
-                acting[part] *= term.main
-        return design.times(np.where(design.of_term, acting, 0.0))
+                b[part] *= term.main
+        return design.times(np.where(design.of_term, b, 0.0))
 
     def own(self, numbers: Sequence[int]) -> list[Array]:
-        """What no other term would take over, of the terms with these numbers.
+        """Minimum unique contribution of the terms with these numbers: what no other term would take over.
 
-        The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
-        than ``USUAL`` standard deviations of their prior.
+        With b the coefficients and g those of a term's main coefficients and model-form errors, the posterior mean of
+        the others given that g are zero is b - S_bg S_gg^-1 g. They stay within ``USUAL`` standard deviations of their
+        prior.
         """
         design = self.design
         centre = design.centre
-        usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
+        of_terms = np.arange(len(centre)) < design.edges[-1]
+        usual = np.where(of_terms, USUAL, USUAL_TRIM)
         low = np.minimum(self._b, centre - usual)
         high = np.maximum(self._b, centre + usual)
         lost = np.empty((len(numbers), len(centre)))
         for i, number in enumerate(numbers):
             term = design.terms[number]
-            gone = design.edges[number] + np.flatnonzero((term.main > 0.0) | term.form)
-            own = np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
-            taken = self._cov[:, gone] @ own
-            others = np.clip(self._b - taken, low, high)
+            removable = (term.main > 0.0) | term.form
+            gone = design.edges[number] + np.flatnonzero(removable)
+            cov_of_gone = self._cov[np.ix_(gone, gone)]
+            weights = np.linalg.solve(cov_of_gone, self._b[gone])
+            conditional = self._b - self._cov[:, gone] @ weights
+            others = np.clip(conditional, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
         return design.times(lost)
@@ -90,13 +96,14 @@ class Contributions:
 
 def form_variance(u: Contributions) -> Array:
     """Variance (channels,) of what is left by the effects' model-form errors."""
-    effect = np.array([t.effect is not None for t in u.design.terms], bool)
+    is_effect = np.array([t.effect is not None for t in u.design.terms], bool)
     out = [np.empty(0)]
     for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
         count = axes[0].count
         mean = whole.sum(axis=2) / count
-        square = np.einsum("atn,atn->at", whole, whole) / count
-        out.append(FORM_LEFT**2 * np.maximum(square - mean**2, 0.0) @ effect)
+        mean_square = np.einsum("atn,atn->at", whole, whole) / count
+        variance = np.maximum(mean_square - mean**2, 0.0)
+        out.append(FORM_LEFT**2 * variance @ is_effect)
     return np.concatenate(out)
 
 
@@ -112,7 +119,9 @@ def worth(u: Contributions) -> float:
         return 0.0
     z = standing(u, u.main, range(len(u.design.terms)))
     short = np.maximum(1.0 - z, 0.0) / SOFT
-    return float(-0.5 * short @ short - CANCEL_COST * max(cancelled(u) - CANCEL, 0.0))
+    too_small = -0.5 * short @ short
+    too_much = max(cancelled(u) - CANCEL, 0.0)
+    return float(too_small - CANCEL_COST * too_much)
 
 
 def cancelled(u: Contributions) -> float:
@@ -138,19 +147,23 @@ def standing(u: Contributions, parts: Sequence[Array], numbers: Sequence[int]) -
     z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN). In hundredths of the weight: T the top of what a
     term does, F what the other terms may leave by their form, R the slow rest, O its minimum unique contribution.
     """
-    sizes = tops(u, parts)
+    terms = u.design.terms
     library = u.design.library
-    form = (sizes * _errors_of_form(u.design.terms)[:, None]) ** 2
+    sizes = tops(u, parts)
+    form = (sizes * _errors_of_form(terms)[:, None]) ** 2
     slow = np.concatenate(list(map(slow_rms, u.rest, library.flights)))
-    beside = (form.sum(axis=0) - form + slow**2)[numbers]
-    large = np.minimum(sizes[numbers] / np.sqrt(1.0 + beside), tops(u, u.own(numbers)) / OWN)
+    form_of_others = form.sum(axis=0) - form
+    beside = (form_of_others + slow**2)[numbers]
+    over_rest = sizes[numbers] / np.sqrt(1.0 + beside)
+    unique = tops(u, u.own(numbers)) / OWN
+    z = np.minimum(over_rest, unique)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
-    force = np.array([c.axis < 3 for c in library.channels])
-    for row, number in zip(large, numbers, strict=True):
-        effect = u.design.terms[number].effect
+    on_force = np.array([c.axis < 3 for c in library.channels])
+    for of_term, number in zip(z, numbers, strict=True):
+        effect = terms[number].effect
         if effect is not None and effect.search.needs_moments:
-            row[force] = 0.0
-    return np.asarray(large.max(axis=1))
+            of_term[on_force] = 0.0
+    return np.asarray(z.max(axis=1))
 
 
 def _errors_of_form(terms: Sequence[Term]) -> Array:
@@ -168,16 +181,18 @@ def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
     sizes = []
     for axes, part in zip(u.design.library.flights, parts, strict=True):
-        sizes.append(top(part, axes[0].count) / limits(axes)[:, None])
+        largest = top(part, axes[0].count)
+        sizes.append(largest / limits(axes)[:, None])
     return np.concatenate(sizes).T
 
 
 def tops_of_columns(channel: ResidualChannel, term: Term) -> Array:
     """The top of what every column of a term (k,) does to a channel, in hundredths of the weight."""
     rows = channel.where[term.columns]
-    out = np.zeros(len(rows))
     acting = rows >= 0
-    out[acting] = top(channel.rows[rows[acting]], channel.count) / channel.limit
+    columns = channel.rows[rows[acting]]
+    out = np.zeros(len(rows))
+    out[acting] = top(columns, channel.count) / channel.limit
     return out
 
 
@@ -189,24 +204,25 @@ def limits(axes: Sequence[ResidualChannel]) -> Array:
 def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
     """RMS (axes,) of what is left of a flight (axes, n), averaged over ``UNEXPLAINED_S``, in percent of the weight."""
     width = max(round(UNEXPLAINED_S / STEP_S), 1)
-    total = np.zeros((len(rest), rest.shape[1] + 1))
-    np.cumsum(rest, axis=1, out=total[:, 1:])
-    known = np.concatenate([[0], np.cumsum(axes[0].valid)])
-    samples = np.maximum(known[width:] - known[:-width], 1)
-    mean = (total[:, width:] - total[:, :-width]) / samples
+    sum_before = np.zeros((len(rest), rest.shape[1] + 1))
+    np.cumsum(rest, axis=1, out=sum_before[:, 1:])
+    valid_before = np.concatenate([[0], np.cumsum(axes[0].valid)])
+    total = sum_before[:, width:] - sum_before[:, :-width]
+    samples = valid_before[width:] - valid_before[:-width]
+    mean = total / np.maximum(samples, 1)
     mean_square = (mean**2).sum(axis=1) / max(mean.shape[1], 1)
     return np.asarray(np.sqrt(mean_square) / limits(axes))
 
 
 def top(x: Array, count: int) -> Array:
     """About the 99th percentile of the size of (..., n), of which ``count`` samples are valid and the rest 0."""
-    m = max(count // 100, 1)
+    from_largest = max(count // 100, 1)
     out = np.zeros(x.shape[:-1])
     acting = x.any(axis=-1)
     size = np.abs(x[acting])
     # In place: another copy takes as long again.
-    size.partition(-m, axis=-1)
-    out[acting] = size[:, -m]
+    size.partition(-from_largest, axis=-1)
+    out[acting] = size[:, -from_largest]
     return out
 
 
