@@ -24,10 +24,7 @@ from replay.search.library import Library
 from replay.search.regimes import by_regime
 from replay.search.remainder import Outside, outside
 from replay.search.terms import Key, Term
-from replay.search.thresholds import (
-    CARRIES,
-    CONFIRM_SHARE,
-)
+from replay.search.thresholds import CARRIES, CONFIRM_SHARE
 
 BLOCK_S = 1.5
 MOST_BLOCKS = 400
@@ -43,7 +40,7 @@ DRAWS = 1000
 """Of the bootstrap."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Acting:
     """One effect on one flight."""
 
@@ -102,9 +99,11 @@ class FlightFit:
     def without_axis(self, key: Key, axis: int) -> FlightFit:
         """The same with an effect that does not act on one axis."""
         acting = self.effects[key]
-        held_out = np.where(np.arange(6) == axis, 0.0, acting.held_out)
-        axes = tuple(a for a in acting.axes if a != AXES[axis])
-        less = replace(acting, held_out=held_out, axes=axes)
+        less = replace(
+            acting,
+            held_out=np.where(np.arange(6) == axis, 0.0, acting.held_out),
+            axes=tuple(a for a in acting.axes if a != AXES[axis]),
+        )
         return replace(self, effects=self.effects | {key: less})
 
     def energy(self, residual: Array, axes: Sequence[int] | None = None) -> float:
@@ -133,16 +132,15 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
     seen = np.isin(np.arange(6), (*record.axes, *record.blind))
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
-    fold_of, _ = _split(record)
-    folds = [
-        evidence.refit(best.terms, best.noise, {f: left_out}) for left_out in folds_of(library, f)
-    ]
+    folds = []
+    for left_out in folds_of(library, f):
+        folds.append(evidence.refit(best.terms, best.noise, {f: left_out}))
     effects: dict[Key, Acting] = {}
     rest = before
-    for t in best.of_effects:
-        if f in t.places:
-            effects[t.key], wrench = _acting(library, best, t, f, folds, fold_of)
-            rest = rest - wrench
+    for term in best.of_effects:
+        if f in term.places:
+            effects[term.key] = _acting(library, best, term, f, folds)
+            rest = rest - _whole_wrench(library, best, term, f)
     fit = FlightFit(
         record=record,
         index=f,
@@ -152,28 +150,45 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
         beside=np.zeros_like(rest),
     )
     carriers, curves = _curves(library, best, fit)
-    trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
+    first_trim = len(best.b) - len(library.trim)
+    trim = library.trim_wrench(f, best.b[first_trim:])
     return replace(fit, rest=rest - trim, beside=curves + trim, carriers=carriers)
 
 
-def _acting(
-    library: Library, best: Fit, t: Term, f: int, folds: Sequence[Fit], fold_of: NDArray[np.int64]
-) -> tuple[Acting, Array]:
-    """One effect on a flight, and its wrench (n, 6) with its model-form error by coefficients of all time."""
+def _acting(library: Library, best: Fit, term: Term, f: int, folds: Sequence[Fit]) -> Acting:
+    """One effect on a flight, on held-out time and in all."""
     record = library.records[f]
+    x, _ = library.wrenches(term, f)
+    fold_of_sample, _ = _split(record)
+    of_folds = np.stack([fold.sizes(term, f) for fold in folds])
+    wrench_by_fold = np.einsum("nak,fk->fna", x, of_folds)
+    held_out = np.take_along_axis(wrench_by_fold, fold_of_sample[None, :, None], axis=0)[0]
     judged = np.isin(np.arange(6), record.axes)
-    x, form = library.wrenches(t, f)
-    sizes = best.sizes(t, f)
-    own = x @ sizes
-    of_fold = np.stack([fold.sizes(t, f) for fold in folds])
-    per_fold = np.einsum("nak,fk->fna", x, of_fold)
-    held = np.take_along_axis(per_fold, fold_of[None, :, None], axis=0)[0]
-    bent = form @ best.b[best.part(t)][len(t.columns) - form.shape[2] :]
-    strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / hundredths(record.context)
-    clear = CARRIES * strength[list(record.axes)].max()
-    axes = tuple(AXES[a] for a in record.axes if strength[a] > clear > 0.0)
-    acting = Acting(np.where(judged, held, 0.0), axes, of_fold, t.named.parameters(sizes, t.shape))
-    return acting, np.where(judged, own + bent, 0.0)
+    sizes = best.sizes(term, f)
+    return Acting(
+        held_out=np.where(judged, held_out, 0.0),
+        axes=_clear_axes(record, x @ sizes),
+        folds=of_folds,
+        parameters=term.named.parameters(sizes, term.shape),
+    )
+
+
+def _clear_axes(record: Record, wrench: Array) -> tuple[str, ...]:
+    """Axes on which a wrench (n, 6) acts clearly: by its RMS, beside that of its strongest axis."""
+    mean_square = (wrench[record.valid] ** 2).mean(axis=0)
+    rms = np.sqrt(mean_square) / hundredths(record.context)
+    clear = CARRIES * rms[list(record.axes)].max()
+    return tuple(AXES[axis] for axis in record.axes if rms[axis] > clear > 0.0)
+
+
+def _whole_wrench(library: Library, best: Fit, term: Term, f: int) -> Array:
+    """Wrench (n, 6) of an effect with its model-form error, by coefficients of all time."""
+    x, form = library.wrenches(term, f)
+    first_form = len(term.columns) - form.shape[2]
+    of_form = best.b[best.part(term)][first_form:]
+    wrench = x @ best.sizes(term, f)
+    judged = np.isin(np.arange(6), library.records[f].axes)
+    return np.where(judged, wrench + form @ of_form, 0.0)
 
 
 def _curves(
@@ -182,15 +197,18 @@ def _curves(
     """Which channel carries how much of what is left, and the sum of their free curves (n, 6)."""
     carriers = []
     curves = np.zeros_like(fit.before)
-    for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
-        a = AXES.index(t.axis or "")
-        with_it = fit.energy(fit.after - curves, [a])
-        curves[:, a] += library.curve(t, fit.index) @ best.b[best.part(t)]
-        gain = with_it - fit.energy(fit.after - curves, [a])
-        share = gain / max(fit.energy(fit.rest, [a]), 1e-30)
-        carriers.append((gain, CarryingChannel(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
-    carriers.sort(key=lambda c: -c[0])
-    return tuple(c for _, c in carriers), curves
+    for term in best.terms:
+        if term.effect is not None or fit.index not in term.places:
+            continue
+        axis = AXES.index(term.axis or "")
+        without = fit.energy(fit.after - curves, [axis])
+        curves[:, axis] += library.curve(term, fit.index) @ best.b[best.part(term)]
+        gain = without - fit.energy(fit.after - curves, [axis])
+        share = gain / max(fit.energy(fit.rest, [axis]), 1e-30)
+        score = float(np.clip(share, 0.0, 1.0))
+        carriers.append((gain, CarryingChannel(term.name, score, AXES[axis])))
+    carriers.sort(key=lambda pair: -pair[0])
+    return tuple(carrier for _, carrier in carriers), curves
 
 
 def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
@@ -198,54 +216,69 @@ def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
 
     Blocks are equal shares of the valid time. Runs of them are dealt to the folds in turn.
     """
-    known = np.cumsum(record.valid)
-    count = int(np.clip(record.seconds / BLOCK_S, FOLDS, MOST_BLOCKS))
-    block = np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
-    length = record.seconds / count
-    run = min(max(round(FOLD_S / length), 1), max(count // FOLDS, 1))
-    fold = np.arange(count) // run % FOLDS
-    kernel = np.ones(2 * max(int(np.ceil(EMBARGO_S / length)), 1) + 1)
-    near = np.stack([np.convolve(fold == k, kernel, "same") > 0.5 for k in range(FOLDS)])
-    return fold[block], ~near[:, block]
+    blocks = int(np.clip(record.seconds / BLOCK_S, FOLDS, MOST_BLOCKS))
+    valid_so_far = np.cumsum(record.valid)
+    all_valid = max(int(valid_so_far[-1]), 1)
+    number = (valid_so_far - 1).clip(0)
+    block_of_sample = np.minimum(number * blocks // all_valid, blocks - 1)
+    block_s = record.seconds / blocks
+    most_in_run = max(blocks // FOLDS, 1)
+    run = min(max(round(FOLD_S / block_s), 1), most_in_run)
+    fold_of_block = np.arange(blocks) // run % FOLDS
+    embargo = max(int(np.ceil(EMBARGO_S / block_s)), 1)
+    kernel = np.ones(2 * embargo + 1)
+    near = np.empty((FOLDS, blocks), bool)
+    for fold in range(FOLDS):
+        near[fold] = np.convolve(fold_of_block == fold, kernel, "same") > 0.5
+    return fold_of_block[block_of_sample], ~near[:, block_of_sample]
 
 
 def _confirmed(
     evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]
 ) -> frozenset[Key]:
     """Effects that lower the residual of a flight where they were fitted on the others."""
-    all_of_it = np.ones_like(fit.record.valid[:: evidence.library.every[fit.index]])
-    others = evidence.refit(best.terms, best.noise, {fit.index: all_of_it})
+    library = evidence.library
+    whole_flight = np.ones_like(fit.record.valid[:: library.every[fit.index]])
+    of_others = evidence.refit(best.terms, best.noise, {fit.index: whole_flight})
     out = set()
-    for t in best.of_effects:
-        if fit.index not in t.places:
+    for term in best.of_effects:
+        if fit.index not in term.places:
             continue
-        if len(t.places) < 2:
-            good = any(o.name == t.name and o.flight != t.flight for o in best.of_effects)
-        elif t.named.kept:
-            without = fit.rest + _wrench(evidence, best, t, fit)
-            good = _removes(fit, without, _wrench(evidence, others, t, fit))
+        if len(term.places) < 2:
+            confirmed = _on_another_flight(best, term)
+        elif term.named.kept:
+            without = fit.rest + _wrench(library, best, term, fit)
+            foretold = _wrench(library, of_others, term, fit)
+            confirmed = _removes(fit, without, foretold)
         else:
-            good = _of_day_removes(evidence, best, t, fit) and any(
-                _of_day_removes(evidence, best, t, fits[f]) for f in t.places if f != fit.index
-            )
-        if good:
-            out.add(t.key)
+            removing = [f for f in term.places if _of_day_removes(library, best, term, fits[f])]
+            confirmed = fit.index in removing and len(removing) > 1
+        if confirmed:
+            out.add(term.key)
     return frozenset(out)
 
 
+def _on_another_flight(best: Fit, term: Term) -> bool:
+    """Whether the effect of a term of one flight was found on another, too."""
+    same = [other for other in best.of_effects if other.name == term.name]
+    return any(other.flight != term.flight for other in same)
+
+
 def _wrench(
-    evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Array | float = 1.0
+    library: Library, fit: Fit, term: Term, flight: FlightFit, share: Array | float = 1.0
 ) -> Array:
     """An effect (n, 6) on a flight by the coefficients of a fit, each times ``share`` (k,)."""
-    x, _ = evidence.library.wrenches(t, flight.index)
-    return np.asarray(x @ (fit.sizes(t, flight.index) * share))
+    x, _ = library.wrenches(term, flight.index)
+    sizes = fit.sizes(term, flight.index)
+    return np.asarray(x @ (sizes * share))
 
 
-def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
+def _of_day_removes(library: Library, best: Fit, term: Term, fit: FlightFit) -> bool:
     """Whether the part of an effect that is of one flight lowers its residual: no other flight can show it."""
-    of_day = np.array([float(t.named.of_day(c)) for c in t.named.coefficients])
-    own = _wrench(evidence, best, t, fit, of_day)
-    return _removes(fit, fit.rest + own, own)
+    effect = term.named
+    of_day = np.array([float(effect.of_day(c)) for c in effect.coefficients])
+    wrench = _wrench(library, best, term, fit, of_day)
+    return _removes(fit, fit.rest + wrench, wrench)
 
 
 def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
@@ -254,12 +287,15 @@ def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
     The gain sum |r|^2 - |r - w|^2 is above CONFIRM_SHARE sum |r|^2, and above 0 in 97.5 % of DRAWS bootstrap samples of
     its blocks (Künsch 1989, Annals of Statistics 17, 1217).
     """
-    judged = np.ix_(np.flatnonzero(fit.record.valid), np.array(fit.record.axes))
-    unit = hundredths(fit.record.context)
-    left = (residual / unit)[judged]
-    removed = (wrench / unit)[judged]
-    gain = (left**2 - (left - removed) ** 2).sum(axis=1)
-    count = max(int(fit.record.seconds / CONFIRM_BLOCK_S), 2)
-    blocks = np.array([part.sum() for part in np.array_split(gain, count)])
-    draws = np.random.default_rng(0).choice(blocks, (DRAWS, count)).sum(axis=1)
-    return bool(np.percentile(draws, 2.5) > 0.0 and gain.sum() > CONFIRM_SHARE * (left**2).sum())
+    record = fit.record
+    judged = np.ix_(np.flatnonzero(record.valid), np.array(record.axes))
+    unit = hundredths(record.context)
+    r = (residual / unit)[judged]
+    w = (wrench / unit)[judged]
+    gain = (r**2 - (r - w) ** 2).sum(axis=1)
+    count = max(int(record.seconds / CONFIRM_BLOCK_S), 2)
+    blocks = np.array([block.sum() for block in np.array_split(gain, count)])
+    samples = np.random.default_rng(0).choice(blocks, (DRAWS, count))
+    surely_lower = np.percentile(samples.sum(axis=1), 2.5) > 0.0
+    enough = gain.sum() > CONFIRM_SHARE * (r**2).sum()
+    return bool(surely_lower and enough)

@@ -328,7 +328,9 @@ def fit_of(quiet: Record, *pushes: np.ndarray) -> FlightFit:
     for number, push in enumerate(pushes):
         wrench = np.zeros((len(push), 6))
         wrench[:, 0] = push
-        effects[(f"effect {number}", None, None)] = Acting(wrench, ("Fx",), np.zeros((8, 1)), {})
+        effects[(f"effect {number}", None, None)] = Acting(
+            held_out=wrench, axes=("Fx",), folds=np.zeros((8, 1)), parameters={}
+        )
     still = np.zeros_like(quiet.residual)
     return FlightFit(
         record=quiet, index=0, before=quiet.residual, effects=effects, rest=still, beside=still
