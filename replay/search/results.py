@@ -11,13 +11,14 @@ from models.common.frames import AXES
 from models.effects import Effect, get
 from models.effects.adopted_effect import UNTIL_S
 from replay.search.channel import hundredths
-from replay.search.estimates import IntervalEstimate, Sizes, shape_estimates, sizes
+from replay.search.estimates import IntervalEstimate, Sizes, sizes
 from replay.search.held_out import FlightFit
 from replay.search.least_visible import Visible, visible
 from replay.search.posterior import Walked, aliases, class_of
 from replay.search.pruning import acting, carried, helpful, predictive, share
 from replay.search.regimes import LEAST_S, regimes
 from replay.search.repeated_effects import with_others
+from replay.search.shape_estimates import shape_estimates
 from replay.search.significance import tops_of_columns
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
