@@ -8,13 +8,10 @@ from itertools import product
 import numpy as np
 
 from models.common.frames import Array
+from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import Columns
-from replay.search.thresholds import (
-    CHANCE,
-    MOST_TIMES,
-    SHORTEST_S,
-)
+from replay.search.thresholds import CHANCE, MOST_TIMES, SHORTEST_S
 
 BESIDE_S = 8.0
 """Flight that is judged before and after a time: after the start the ground lifts, and the pack is not settled."""
@@ -35,35 +32,54 @@ def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
     is what the sum of squares loses by ``x`` between both, where ``x`` for the whole record is fitted, too
     (Frisch & Waugh 1933, Econometrica 1, 387).
     """
-    own, cross = _products(record, wrench)
-    rows = _looked_at(record)
+    rows = _rows_of_times(record)
     if not len(rows):
         return []
-    before_own = np.concatenate([[0.0], np.cumsum(own)])
-    before_cross = np.concatenate([[0.0], np.cumsum(cross)])
-    edges = np.concatenate([[0], rows, [len(own)]])
-    b = before_own[edges][None, :] - before_own[edges][:, None]
-    d = before_cross[edges][None, :] - before_cross[edges][:, None]
-    whole = max(before_own[-1], 1e-12)
-    left = np.maximum(b - b**2 / whole, 1e-9 * whole)
-    gain = (d - b * before_cross[-1] / whole) ** 2 / left
-    judged = np.concatenate([[0.0], np.cumsum(record.valid) * record.step_s])[edges]
-    long_enough = judged[None, :] - judged[:, None] > SHORTEST_S
-    gain = np.where(long_enough, gain, -np.inf)
     time_s = record.time_s[rows]
-    out: set[tuple[float, float]] = set()
-    last = len(edges) - 1
+    gain = _gains(record, wrench, rows)
+    last = len(rows) + 1
     inner = slice(1, last)
     begin = int(gain[inner, last].argmax())
     end = int(gain[0, inner].argmax())
-    both = np.unravel_index(int(gain[inner, inner].argmax()), (len(rows), len(rows)))
+    of_pairs = gain[inner, inner]
+    first, second = divmod(int(of_pairs.argmax()), len(rows))
+    out: set[tuple[float, float]] = set()
     out |= {(t, NONE_S) for t in _about(time_s, begin)}
     out |= {(NONE_S, t) for t in _about(time_s, end)}
-    if np.isfinite(gain[inner, inner][both]):
-        first, second = (int(i) for i in both)
+    if np.isfinite(of_pairs[first, second]):
         pairs = product(_about(time_s, first), _about(time_s, second))
         out |= {pair for pair in pairs if pair[1] - pair[0] > SHORTEST_S}
     return sorted(out)
+
+
+def _gains(record: Record, wrench: Array, rows: Columns) -> Array:
+    """Gain (e, e) from every edge to every later one, -inf where that is too short.
+
+    Edges are the start of the record, its ``rows``, and its end.
+    """
+    own, cross = _products(record, wrench)
+    edges = np.concatenate([[0], rows, [len(own)]])
+    a = max(_sum_before(own)[-1], 1e-12)
+    b = _between(own, edges)
+    c = _sum_before(cross)[-1]
+    d = _between(cross, edges)
+    left = np.maximum(b - b**2 / a, 1e-9 * a)
+    gain = (d - b * c / a) ** 2 / left
+    seconds = _sum_before(record.valid) * record.step_s
+    at_edges = seconds[edges]
+    long_enough = at_edges[None, :] - at_edges[:, None] > SHORTEST_S
+    return np.where(long_enough, gain, -np.inf)
+
+
+def _sum_before(x: Array | Mask) -> Array:
+    """Sum (n + 1,) of what is before each sample, and of all."""
+    return np.concatenate([[0.0], np.cumsum(x)])
+
+
+def _between(x: Array, edges: Columns) -> Array:
+    """Sum (e, e) from every edge to every other."""
+    before = _sum_before(x)[edges]
+    return np.asarray(before[None, :] - before[:, None])
 
 
 def log_chance(record: Record, times: tuple[float, float]) -> float:
@@ -81,16 +97,17 @@ def log_chance(record: Record, times: tuple[float, float]) -> float:
 
 def _products(record: Record, wrench: Array) -> tuple[Array, Array]:
     """x^2 and x r (n,), summed over the axes."""
-    valid = record.valid
     axes = list(record.axes)
-    rms = np.sqrt((record.residual[valid][:, axes] ** 2).mean(axis=0))
-    rms = np.maximum(rms, 1e-9)
-    x = np.where(valid[:, None], wrench[:, axes], 0.0) / rms
-    r = np.where(valid[:, None], np.nan_to_num(record.residual[:, axes]), 0.0) / rms
+    valid = record.valid[:, None]
+    residual = record.residual[:, axes]
+    mean_square = (residual[record.valid] ** 2).mean(axis=0)
+    rms = np.maximum(np.sqrt(mean_square), 1e-9)
+    x = np.where(valid, wrench[:, axes], 0.0) / rms
+    r = np.where(valid, np.nan_to_num(residual), 0.0) / rms
     return (x**2).sum(axis=1), (x * r).sum(axis=1)
 
 
-def _looked_at(record: Record) -> Columns:
+def _rows_of_times(record: Record) -> Columns:
     """Rows of the times that are looked at, some flight before and after each."""
     judged = np.cumsum(record.valid) * record.step_s
     inside = np.flatnonzero((judged > BESIDE_S) & (judged < judged[-1] - BESIDE_S))

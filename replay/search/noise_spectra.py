@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +40,14 @@ class Spectrum:
 
     def whiten(self, x: Array, run: NDArray[np.int64]) -> Array:
         """Innovations of unit variance of (n, ...), exact at the start of every run; 0 outside runs (``run`` < 0)."""
-        weights = np.where(run[:, None] >= 0, self.filters[np.minimum(run, ORDER)], 0.0)
+        order = np.minimum(run, ORDER)
+        valid = run[:, None] >= 0
+        weights = np.where(valid, self.filters[order], 0.0)
         out = np.zeros_like(x)
         for lag in range(ORDER + 1):
-            out[lag:] += weights[lag:, lag].reshape(-1, *(1,) * (x.ndim - 1)) * x[: len(x) - lag]
+            shape = (-1, *[1] * (x.ndim - 1))
+            weight = weights[lag:, lag].reshape(shape)
+            out[lag:] += weight * x[: len(x) - lag]
         return out
 
     def log_determinant(self, run: NDArray[np.int64]) -> float:
@@ -57,11 +62,13 @@ def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array
     f^T L f for the filter f of the highest order: L are the inner products of a signal with itself at lags 0 to
     ``ORDER``, over the samples that the filter is used for. The few at the start of a run are added one by one.
     """
-    lags = np.zeros((len(x), ORDER + 1, x.shape[1]))
+    axes, samples = x.shape
+    lags = np.zeros((axes, ORDER + 1, samples))
     for lag in range(ORDER + 1):
-        lags[:, lag, lag:] = x[:, : x.shape[1] - lag]
+        lags[:, lag, lag:] = x[:, : samples - lag]
     f = filters[:, ORDER]
-    products = (lags * (run >= ORDER)) @ lags.transpose(0, 2, 1)
+    in_run = run >= ORDER
+    products = (lags * in_run) @ lags.transpose(0, 2, 1)
     energies = ((f @ products) * f).sum(axis=2)
     starts = np.flatnonzero((run >= 0) & (run < ORDER))
     innovations = np.einsum("stl,alt->ast", filters[:, run[starts]], lags[:, :, starts])
@@ -70,7 +77,8 @@ def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array
 
 def spectra(step_s: float) -> tuple[Spectrum, ...]:
     """The grid for samples ``step_s`` apart."""
-    return tuple(_spectrum(step_s, slow_s, share) for slow_s in SLOW_S for share in SLOW_SHARE)
+    grid = product(SLOW_S, SLOW_SHARE)
+    return tuple(_spectrum(step_s, slow_s, share) for slow_s, share in grid)
 
 
 def valid_before(valid: Mask) -> NDArray[np.int64]:
@@ -87,14 +95,16 @@ def _spectrum(step_s: float, slow_s: float, share: float) -> Spectrum:
     ``share``. The Yule-Walker equations: Brockwell & Davis 1991, Time Series: Theory and Methods, §5.1.
     """
     lag = step_s * np.arange(ORDER + 1)
-    r = share * np.exp(-lag / slow_s) + (1.0 - share) * np.exp(-(lag**2) / (4.0 * SMOOTHER_S**2))
+    slow = np.exp(-lag / slow_s)
+    fast = np.exp(-(lag**2) / (4.0 * SMOOTHER_S**2))
+    r = share * slow + (1.0 - share) * fast
     r = r / r[0]
     r[0] += NUGGET
     filters = np.zeros((ORDER + 1, ORDER + 1))
-    for k in range(ORDER + 1):
-        if k:
-            a = solve_toeplitz(r[:k], r[1 : k + 1])
-        else:
-            a = np.empty(0)
-        filters[k, : k + 1] = np.concatenate([[1.0], -a]) / np.sqrt(r[0] - a @ r[1 : k + 1])
+    filters[0, 0] = 1.0 / np.sqrt(r[0])
+    for k in range(1, ORDER + 1):
+        at_lags = r[1 : k + 1]
+        a = solve_toeplitz(r[:k], at_lags)
+        v = r[0] - a @ at_lags
+        filters[k, : k + 1] = np.concatenate([[1.0], -a]) / np.sqrt(v)
     return Spectrum(slow_s, share, filters)

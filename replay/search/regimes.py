@@ -28,26 +28,25 @@ def regimes(record: Record) -> dict[str, Mask]:
     state = record.context.state
     radius = record.context.vehicle.rotor_radius_m
     velocity = state.velocity_ned
-    with np.errstate(invalid="ignore"):
-        low = (
-            np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1)
-            < NEAR_GROUND * radius
-        )
-        wall = (
-            np.nanmin(np.where(np.isnan(state.d_m), np.inf, state.d_m), axis=1) < NEAR_WALL * radius
-        )
-        speed = np.linalg.norm(velocity, axis=1)
-        climb = np.abs(velocity[:, 2])
-        out = {
-            "hover": speed < STILL_M_S,
-            "fast": speed > FAST_M_S,
-            "climbing": climb > CLIMBING_M_S,
-            "low": low & ~wall,
-            "wall": wall & ~low,
-            "corner": low & wall,
-            "far": ~low & ~wall,
-        }
+    low = _nearest(state.h_m) < NEAR_GROUND * radius
+    wall = _nearest(state.d_m) < NEAR_WALL * radius
+    speed = np.linalg.norm(velocity, axis=1)
+    climb = np.abs(velocity[:, 2])
+    out = {
+        "hover": speed < STILL_M_S,
+        "fast": speed > FAST_M_S,
+        "climbing": climb > CLIMBING_M_S,
+        "low": low & ~wall,
+        "wall": wall & ~low,
+        "corner": low & wall,
+        "far": ~low & ~wall,
+    }
     return {name: mask & record.valid for name, mask in out.items()}
+
+
+def _nearest(distances: Array) -> Array:
+    """Least of some distances (n, k) [m]; infinite where none is known."""
+    return np.asarray(np.nan_to_num(distances, nan=np.inf, posinf=np.inf).min(axis=1))
 
 
 def by_regime(record: Record, before: Array, after: Array) -> list[dict[str, Any]]:
@@ -56,7 +55,15 @@ def by_regime(record: Record, before: Array, after: Array) -> list[dict[str, Any
     for name, mask in regimes(record).items():
         seconds = float(mask.sum()) * record.step_s
         if seconds >= LEAST_S:
-            rms = [np.sqrt((r[mask] ** 2).mean(axis=0)).tolist() for r in (before, after)]
-            axes = {AXES[a]: {"rms_before": rms[0][a], "rms_after": rms[1][a]} for a in record.axes}
+            rms_before = _rms(before[mask])
+            rms_after = _rms(after[mask])
+            axes = {}
+            for a in record.axes:
+                axes[AXES[a]] = {"rms_before": rms_before[a], "rms_after": rms_after[a]}
             out.append({"regime": name, "seconds": seconds, "axes": axes})
     return out
+
+
+def _rms(residual: Array) -> list[float]:
+    mean_square = (residual**2).mean(axis=0)
+    return list(np.sqrt(mean_square).tolist())

@@ -48,50 +48,68 @@ class Outside:
 def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
     """Axes of the unexplained ``rest`` (n, 6) that hold more than quiet flights leave."""
     out = []
+    for axis in (*record.axes, *record.blind):
+        of_axis = _of_axis(record, rest[:, axis], axis)
+        if of_axis is not None:
+            out.append(of_axis)
+    known = {one.axis for one in out}
+    beside = [one for one in beside_surfaces(record, rest) if one.axis not in known]
+    return (*out, *beside)
+
+
+def _of_axis(record: Record, rest: Array, axis: int) -> Outside | None:
+    """Where the remainder (n,) of one axis is above the limit, or sudden; None where neither."""
     valid = record.valid
+    unit = float(hundredths(record.context)[axis])
+    slow = _slow(record, rest)
+    if axis < 3:
+        limit = FORCE_LIMIT * unit
+        left = rest[valid]
+    else:
+        limit = MOMENT_LIMIT * unit
+        left = slow[valid]
+    rms = float(np.sqrt(np.mean(left**2)))
+    size = np.abs(slow)
+    if rms > limit:
+        loud = size > LOUD * limit
+        return Outside(AXES[axis], rms, _intervals(record.time_s, loud))
+    usual = MAD_TO_SD * float(np.median(size[valid]))
+    sudden = size > max(LOUD * limit, SUDDEN * usual)
+    if sudden.sum() * record.step_s > SUDDEN_S:
+        return Outside(AXES[axis], rms, _intervals(record.time_s, sudden))
+    return None
+
+
+def _slow(record: Record, rest: Array) -> Array:
+    """Mean (n,) of a remainder over ``SLOW_S``; 0 where not valid."""
     width = max(round(SLOW_S / record.step_s), 1)
     kernel = np.ones(width)
-    weight = np.convolve(valid.astype(float), kernel, "same")
-    for a in (*record.axes, *record.blind):
-        unit = float(hundredths(record.context)[a])
-        total = np.convolve(np.where(valid, rest[:, a], 0.0), kernel, "same")
-        slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
-        if a < 3:
-            limit = FORCE_LIMIT * unit
-            left = rest[valid, a]
-        else:
-            limit = MOMENT_LIMIT * unit
-            left = slow[valid]
-        rms = float(np.sqrt(np.mean(left**2)))
-        usual = MAD_TO_SD * float(np.median(np.abs(slow[valid])))
-        struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
-        if rms > limit:
-            loud = np.abs(slow) > LOUD * limit
-            out.append(Outside(AXES[a], rms, _intervals(record.time_s, loud)))
-        elif struck.sum() * record.step_s > SUDDEN_S:
-            out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
-    known = {o.axis for o in out}
-    return (*out, *(o for o in beside_surfaces(record, rest) if o.axis not in known))
+    samples = np.convolve(record.valid.astype(float), kernel, "same")
+    total = np.convolve(np.where(record.valid, rest, 0.0), kernel, "same")
+    mean = total / np.maximum(samples, 1.0)
+    return np.where(record.valid, mean, 0.0)
 
 
 def beside_surfaces(record: Record, rest: Array) -> list[Outside]:
     """What is left on average beside a surface and not away from all, beyond two standard errors of that mean."""
     out = []
-    limits = hundredths(record.context) * (*[LEVEL_LEFT] * 2, LIFT_LEFT, *[MOMENT_LEFT] * 3)
+    forces = (LEVEL_LEFT, LEVEL_LEFT, LIFT_LEFT)
+    moments = (MOMENT_LEFT, MOMENT_LEFT, MOMENT_LEFT)
+    limits = hundredths(record.context) * (*forces, *moments)
     masks = regimes(record)
-    away, doubt = _away(record, rest, masks["far"])
+    away, error_away = _away(record, rest, masks["far"])
     for name in SURFACES:
         mask = masks[name]
         seconds = float(mask.sum()) * record.step_s
         if seconds < LEAST_S:
             continue
-        for a in record.axes:
-            limit = limits[a]
-            mean = rest[mask, a].mean() - away[a]
-            error = np.hypot(_standard_error(rest[mask, a], seconds), doubt[a])
-            if abs(mean) > limit + 2.0 * error:
+        for axis in record.axes:
+            beside = rest[mask, axis]
+            mean = abs(beside.mean() - away[axis])
+            error = np.hypot(_standard_error(beside, seconds), error_away[axis])
+            if mean > limits[axis] + 2.0 * error:
                 when = _intervals(record.time_s, mask)
-                out.append(Outside(AXES[a], float(abs(mean)), when, name))
+                out.append(Outside(AXES[axis], float(mean), when, name))
     return out
 
 
@@ -118,8 +136,10 @@ def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:
     starts = np.concatenate([[0], breaks + 1])
     ends = np.concatenate([breaks, [len(index) - 1]])
     spans = []
-    for start_s, end_s in zip(time_s[index[starts]], time_s[index[ends]], strict=True):
+    for start, end in zip(index[starts], index[ends], strict=True):
+        start_s = float(time_s[start])
+        end_s = float(time_s[end])
         if end_s - start_s >= SHORTEST_S:
-            spans.append((float(start_s), float(end_s)))
+            spans.append((start_s, end_s))
     spans.sort(key=lambda span: span[0] - span[1])
     return tuple(sorted(spans[:MOST]))
