@@ -148,10 +148,10 @@ def fly_again(
     begins_s = min((f.since_s for f in motors if f.since_s is not None), default=np.inf)
     failed = ("after a motor failed", grid.t >= begins_s - grid.smooth_s)
     reassigned = ("an output was taken from its motor", motors_reassigned(log, grid.t))
-    time = judged_time(context, motion, modelled, air.flying, [*left_out, reassigned, failed])
-    doubts = doubted(
-        log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes]
-    )
+    left_out = [*left_out, reassigned, failed]
+    time = judged_time(context, motion, modelled, air.flying, left_out)
+    judged = [axis for axis in axes if axis not in time.unjudged_axes]
+    doubts = doubted(log, context, motion, time.valid, judged)
     for why, when in doubts.left_out:
         time = time.without(why, when, grid.rate)
     return Flown(
@@ -219,51 +219,74 @@ def build_record(
             f"build_record: vehicle is a {type(vehicle).__name__}; give load_vehicle(FILE)"
         )
     flown = fly_again(log, vehicle, model, effects)
-    motion = flown.motion
-    grid = motion.grid
-    time = flown.time
-    doubts = flown.doubts
-    judged = time.valid[:, None]
-    residual = grid.smooth(np.where(judged, flown.measured - flown.modelled, np.nan))
-    residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0
-    kinematic = grid.smooth(np.where(judged, motion.kinematic_bias, np.nan))
-    derived = derived_accelerometer(motion, time.valid)
-    small = decimated(flown.context.state, grid)
-    valid = np.isfinite(residual).all(axis=1) & time.valid[:: grid.every]
-    airborne_s = small.time_s[valid]
-    rotors = flown.delays[0]
-    faults = (*flown.motors, *flown.stuck, *doubts.faults)
-    record = Record(
-        name=name or log.path.name,
-        path=log.path,
-        context=Context(
-            state=small,
-            vehicle=vehicle,
-            model=model,
-            clock_moved_s=max(rotors.correction_s, 0.0),
-            commanded=commanded(rotors, float(valid.sum() * grid.every / grid.rate)),
-            accelerometer=not derived,
-            open_sky=under_open_sky(log),
-            smoothed_s=grid.spread_s,
-            judged_s=(float(airborne_s[0]), float(airborne_s[-1])) if len(airborne_s) else None,
-        ),
-        residual=residual,
-        measured=grid.smooth(np.where(judged, flown.measured, np.nan)),
-        valid=valid,
-        axes=doubts.axes,
-        step_s=grid.every / grid.rate,
-        kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,
-        channels=named_channels(vehicle, small),
-        delays=flown.delays,
-        excluded=time.excluded,
-        notes=flown.notes,
-        faults=(*faults, DERIVED_ACCELEROMETER) if derived else faults,
-        blind=doubts.blind,
-        sources=log.sources,
-    )
+    record = _smoothed(flown, name or log.path.name)
     if record.seconds < SHORTEST_S:
         raise _why_short(record, flown)
     return record
+
+
+def _smoothed(flown: Flown, name: str) -> Record:
+    """A flight, smoothed and at the rate of records; residuals of axes that are not seen are 0."""
+    motion = flown.motion
+    grid = motion.grid
+    doubts = flown.doubts
+    residual = _smoothed_where_judged(flown, flown.measured - flown.modelled)
+    seen = np.isin(np.arange(6), (*doubts.axes, *doubts.blind))
+    residual[:, ~seen] = 0.0
+    valid = np.isfinite(residual).all(axis=1) & flown.time.valid[:: grid.every]
+    kinematic_bias = _smoothed_where_judged(flown, motion.kinematic_bias)
+    faults = (*flown.motors, *flown.stuck, *doubts.faults)
+    derived = derived_accelerometer(motion, flown.time.valid)
+    if derived:
+        kinematic_bias = np.full_like(kinematic_bias, np.nan)
+        faults = (*faults, DERIVED_ACCELEROMETER)
+    context = _smoothed_context(flown, valid, accelerometer=not derived)
+    return Record(
+        name=name,
+        path=flown.log.path,
+        context=context,
+        residual=residual,
+        measured=_smoothed_where_judged(flown, flown.measured),
+        valid=valid,
+        axes=doubts.axes,
+        step_s=grid.every / grid.rate,
+        kinematic_bias=kinematic_bias,
+        channels=named_channels(context.vehicle, context.state),
+        delays=flown.delays,
+        excluded=flown.time.excluded,
+        notes=flown.notes,
+        faults=faults,
+        blind=doubts.blind,
+        sources=flown.log.sources,
+    )
+
+
+def _smoothed_where_judged(flown: Flown, x: Array) -> Array:
+    judged = flown.time.valid[:, None]
+    return flown.motion.grid.smooth(np.where(judged, x, np.nan))
+
+
+def _smoothed_context(flown: Flown, valid: Mask, *, accelerometer: bool) -> Context:
+    """The context at the rate of records, with what was found out about the flight."""
+    grid = flown.motion.grid
+    state = decimated(flown.context.state, grid)
+    rotors = flown.delays[0]
+    seconds = float(valid.sum() * grid.every / grid.rate)
+    judged_s = None
+    if valid.any():
+        time_s = state.time_s[valid]
+        judged_s = float(time_s[0]), float(time_s[-1])
+    return Context(
+        state=state,
+        vehicle=flown.context.vehicle,
+        model=flown.context.model,
+        clock_moved_s=max(rotors.correction_s, 0.0),
+        commanded=commanded(rotors, seconds),
+        accelerometer=accelerometer,
+        open_sky=under_open_sky(flown.log),
+        smoothed_s=grid.spread_s,
+        judged_s=judged_s,
+    )
 
 
 def _on_one_clock(
