@@ -9,12 +9,7 @@ import numpy as np
 
 from models.common.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.thresholds import (
-    CLOSEST,
-    LEAST_TURN_RAD,
-    ODDS,
-    REACTION_ODDS,
-)
+from replay.search.thresholds import CLOSEST, LEAST_TURN_RAD, ODDS, REACTION_ODDS
 
 KNOTS = 7
 """Of a curve: so many evenly over the channel's range, and as many on its quantiles."""
@@ -72,11 +67,16 @@ class Curve:
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
     """Every curve that may stand for an unknown force."""
-    for name in dict.fromkeys(name for r in records for name in r.channels):
+    names: dict[str, None] = {}
+    axes: set[int] = set()
+    for record in records:
+        names |= dict.fromkeys(record.channels)
+        axes |= set(record.axes)
+    for name in names:
         if name in FELT or (name == "time_s" and len(records) > 1):
             continue
         bases = _bases(records, name)
-        for axis in sorted({a for r in records for a in r.axes}):
+        for axis in sorted(axes):
             odds = _odds(name, AXES[axis], records)
             if odds is not None:
                 for basis in bases:
@@ -101,19 +101,31 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
 
 def _bases(records: Sequence[Record], name: str) -> list[tuple[Array | None, ...]]:
     """Smooth curves over the channel's range (n, k) a flight, less their mean, of every spacing of their knots."""
-    values = [r.channels.get(name) for r in records]
-    known = np.concatenate(
-        [v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None]
-    )
+    known = _known(records, name)
     if len(known) < FEWEST:
         return []
+    if name == "yaw_rad":
+        if np.ptp(np.unwrap(known)) < LEAST_TURN_RAD:
+            return []
+        return [_of_flights(_of_heading, records, name)]
     low, high = np.quantile(known, [0.01, 0.99])
-    smooths: list[Callable[[Array], Array]] = []
-    if name != "yaw_rad" and high - low >= 1e-9:
-        smooths = [_of_range(known, even) for even in _knots(high - low, name, records)]
-    elif name == "yaw_rad" and np.ptp(np.unwrap(known)) >= LEAST_TURN_RAD:
-        smooths = [_of_heading]
-    return [_of_flights(smooth, records, name) for smooth in smooths]
+    if high - low < 1e-9:
+        return []
+    out = []
+    for even in _knots(high - low, name, records):
+        smooth = _of_range(known, even)
+        out.append(_of_flights(smooth, records, name))
+    return out
+
+
+def _known(records: Sequence[Record], name: str) -> Array:
+    """Valid values of a channel on all flights that have it."""
+    out = []
+    for record in records:
+        values = record.channels.get(name)
+        if values is not None:
+            out.append(values[record.valid & np.isfinite(values)])
+    return np.concatenate(out)
 
 
 def _of_flights(
@@ -140,7 +152,8 @@ def _knots(reach: float, name: str, records: Sequence[Record]) -> list[int]:
     if name not in PLACE:
         return [KNOTS]
     arm = max(r.context.lever for r in records)
-    return sorted({KNOTS, int(np.clip(2.0 * reach / arm, KNOTS, MOST_KNOTS))})
+    two_an_arm = int(np.clip(2.0 * reach / arm, KNOTS, MOST_KNOTS))
+    return sorted({KNOTS, two_an_arm})
 
 
 def _of_range(known: Array, even: int) -> Callable[[Array], Array]:
@@ -150,17 +163,22 @@ def _of_range(known: Array, even: int) -> Callable[[Array], Array]:
     Ornstein-Uhlenbeck kernel (Rasmussen & Williams 2006, ch. 4).
     """
     low, high = np.quantile(known, [0.01, 0.99])
+    reach = high - low
     evenly = np.linspace(low, high, even)
     by_quantile = np.quantile(known, np.linspace(0.01, 0.99, KNOTS))
-    at = np.union1d(evenly, by_quantile)
-    at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]
-    distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
-    factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
+    knots = np.union1d(evenly, by_quantile)
+    apart = np.diff(knots) > CLOSEST * reach
+    knots = knots[np.concatenate([[True], apart])]
+    distance = np.abs(knots[:, None] - knots) / (LENGTH * reach)
+    identity = np.eye(len(knots))
+    factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * identity)
+    usual = np.median(known)
 
-    def smooth(v: Array) -> Array:
-        x = np.clip(np.where(np.isfinite(v), v, np.median(known)), low, high)
-        hats = np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1)
-        return np.asarray(hats @ factor)
+    def smooth(values: Array) -> Array:
+        values = np.where(np.isfinite(values), values, usual)
+        values = np.clip(values, low, high)
+        hats = [np.interp(values, knots, of_knot) for of_knot in identity]
+        return np.asarray(np.stack(hats, axis=1) @ factor)
 
     return smooth
 

@@ -61,24 +61,24 @@ def visible(walked: Walked) -> tuple[Visible, ...]:
 
 def _least_of(walked: Walked, terms: Sequence[Term], gain: Array) -> Visible | None:
     """Of one effect, in its likeliest shape beside the best set by the ``gain`` of every term."""
-    numbers = walked.evidence.library.numbers_of[terms[0].key]
+    library = walked.evidence.library
+    numbers = library.numbers_of[terms[0].key]
     likeliest = max(numbers, key=lambda number: float(gain[number]))
-    term = walked.evidence.library.terms[likeliest]
+    term = library.terms[likeliest]
     sizes = _least_sizes(walked, term)
-    possible = np.flatnonzero(np.isfinite(sizes))
-    if not possible.size:
+    # Sizes of several units are compared by the prior: what would be least unusual.
+    soonest = int(np.argmin(sizes))
+    if not np.isfinite(sizes[soonest]):
         return None
     flight = min(term.places)
-    context = walked.evidence.library.records[flight].context
+    context = library.records[flight].context
     scale = term.scale[term.place(flight)]
-    coefficients = term.named.coefficients
-    # Sizes of several units are compared by the prior: what would be least unusual.
-    soonest = int(possible[np.argmin(sizes[possible])])
     least = float(sizes[soonest] * scale[soonest])
-    low = coefficients[soonest].least(context)
-    if least > max(coefficients[soonest].most(context), -low):
+    coefficient = term.named.coefficients[soonest]
+    farthest = max(coefficient.most(context), -coefficient.least(context))
+    if least > farthest:
         return None
-    name, size, unit = _said(term, context, coefficients[soonest], least)
+    name, size, unit = _said(term, context, coefficient, least)
     return Visible(
         what=term.name,
         coefficient=name,
@@ -104,11 +104,12 @@ def _said(
 
 def _least_sizes(walked: Walked, term: Term) -> Array:
     """Of every coefficient (k,) in units of its prior; infinite where none would do."""
-    evidence = walked.evidence
-    fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
+    best = walked.best
+    fit = walked.evidence.refit([*best.terms, term], best.noise)
     part = fit.part(term)
     place = term.place(min(term.places))
-    sd = np.sqrt(np.diag(fit.cov[part, part]))[place]
+    variance = np.diag(fit.cov[part, part])
+    sd = np.sqrt(variance)[place]
     odds = (NAMED - term.log_odds) / TRUST
     log_sd = np.log(np.minimum(sd, 1.0))
     z = np.sqrt(np.maximum(2.0 * odds - 2.0 * log_sd, 0.0))
@@ -125,8 +126,9 @@ def _for_a_hundredth(walked: Walked, term: Term) -> Array:
         if term.named.search.needs_moments and channel.axis < 3:
             continue
         share = tops_of_columns(channel, term)
+        acting = channel.where[term.columns] >= 0
         size = max(_NAMED_SIZE, OWN) / np.maximum(share, 1e-12)
-        out = np.minimum(out, np.where(channel.where[term.columns] >= 0, size, np.inf))
+        out = np.minimum(out, np.where(acting, size, np.inf))
     return out
 
 

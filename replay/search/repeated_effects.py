@@ -58,21 +58,29 @@ def _first_ones(fit: Fit) -> list[Term]:
 def _with_another(sets: Sets, fit: Fit, term: Term) -> list[Fit]:
     """Sets with another term like ``term``: beside all others, or in place of one of them."""
     same = [t for t in fit.terms if t.name == term.name and t.flight == term.flight]
-    others = sets.evidence.library.again(term, len(same) + 1, {t.shape[0] for t in same})
+    taken = {t.shape[0] for t in same}
+    others = sets.evidence.library.again(term, len(same) + 1, taken)
     if not others:
         return []
     bases = [fit]
     for gone in fit.terms:
         if gone not in same:
             bases.append(sets.weigh(fit.beside(gone), fit))
-    grown = [new for base in bases for new in _grown(sets, base, others)]
-    return [lighter(sets, max(grown, key=lambda new: new.promise))]
+    grown: list[Fit] = []
+    for base in bases:
+        grown += _grown(sets, base, others)
+    likeliest = max(grown, key=lambda new: new.promise)
+    return [lighter(sets, likeliest)]
 
 
 def _grown(sets: Sets, base: Fit, others: Sequence[Term]) -> list[Fit]:
     """A set with each of the likeliest of ``others``, which are one effect in all its shapes."""
     library = sets.evidence.library
-    screened = sets.evidence.screen(base, others[0].key)
-    gain = {library.terms[i]: float(screened[i]) for i in library.numbers_of[others[0].key]}
-    likely = sorted(others, key=lambda t: -(TRUST * gain[t] + t.prior))[:TRIED]
-    return [sets.weigh([*base.terms, other], base) for other in likely]
+    key = others[0].key
+    screened = sets.evidence.screen(base, key)
+    odds = {}
+    for number in library.numbers_of[key]:
+        term = library.terms[number]
+        odds[term] = TRUST * float(screened[number]) + term.prior
+    likely = sorted(others, key=lambda t: -odds[t])
+    return [sets.weigh([*base.terms, other], base) for other in likely[:TRIED]]

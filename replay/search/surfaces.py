@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from models.effects import Effect
-from replay.search.evidence import Fit
+from replay.search.evidence import Evidence, Fit
 from replay.search.posterior import Walked
 from replay.search.terms import Term, without_form
 from replay.search.thresholds import MARGIN
@@ -27,10 +27,11 @@ def with_surface_law(walked: Walked) -> Walked:
     """The best set with the map, beside its laws or in their place, where that is clearly likelier; its log odds."""
     best = walked.best
     for effect in walked.evidence.library.remainders:
-        lawless = [t for t in best.terms if t.name not in effect.aliases]
+        lawless = tuple(t for t in best.terms if t.name not in effect.aliases)
         candidates = []
-        for terms in dict.fromkeys((best.terms, tuple(lawless))):
-            candidates.append(_lighter(walked, _spread(walked, terms, effect)))
+        for terms in dict.fromkeys((best.terms, lawless)):
+            mapped = _with_map(walked.evidence, terms, effect)
+            candidates.append(_lighter(walked.evidence, mapped))
         mapped = max(candidates, key=lambda fit: round(fit.promise, 6))
         odds = mapped.promise - best.promise
         if odds > MARGIN:
@@ -38,9 +39,10 @@ def with_surface_law(walked: Walked) -> Walked:
     return walked
 
 
-def _spread(walked: Walked, terms: Sequence[Term], effect: Effect) -> Fit:
+def _with_map(evidence: Evidence, terms: Sequence[Term], effect: Effect) -> Fit:
     """A set with the map in its likeliest spread, each of its numbers in turn (empirical Bayes)."""
-    library = walked.evidence.library
+    library = evidence.library
+    quiet = evidence.noises.quiet
     # The map takes the place of the model-form errors of the laws that it corrects.
     named = []
     for t in terms:
@@ -50,12 +52,10 @@ def _spread(walked: Walked, terms: Sequence[Term], effect: Effect) -> Fit:
             named.append(t)
     grid = np.array(effect.shape_grid(library.records[0].context))
 
-    evidence = walked.evidence
-
     @cache
     def promise(shape: tuple[float, ...]) -> float:
         term = library.term_of(effect, shape)
-        found = evidence.fit([*named, term], evidence.noises.quiet)
+        found = evidence.fit([*named, term], quiet)
         evidence.forget(term)  # its many columns would stay in the way of all others
         return found.promise
 
@@ -64,15 +64,15 @@ def _spread(walked: Walked, terms: Sequence[Term], effect: Effect) -> Fit:
         for i, values in enumerate(grid.T):
             shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
             shape = max(shapes, key=promise)
-    return evidence.fit([*named, library.term_of(effect, shape)], evidence.noises.quiet)
+    return evidence.fit([*named, library.term_of(effect, shape)], quiet)
 
 
-def _lighter(walked: Walked, fit: Fit) -> Fit:
+def _lighter(evidence: Evidence, fit: Fit) -> Fit:
     """Without the terms that the map, which is the last, clearly makes unnecessary."""
     lighter = []
     for term in fit.terms[:-1]:
-        lighter.append(walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise))
+        lighter.append(evidence.fit(fit.beside(term), fit.noise))
     lightest = max(lighter, key=lambda f: f.promise, default=fit)
     if lightest.promise > fit.promise + MARGIN:
-        return _lighter(walked, lightest)
+        return _lighter(evidence, lightest)
     return fit

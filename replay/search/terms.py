@@ -14,11 +14,7 @@ from models.effects import Context, Effect
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import Columns
-from replay.search.thresholds import (
-    AT_SHAPE_SPREAD,
-    FORM_LEAST,
-    FORM_PRIOR,
-)
+from replay.search.thresholds import AT_SHAPE_SPREAD, FORM_LEAST, FORM_PRIOR
 
 Key = tuple[str, int | None, str | None, int]
 """Name, flight (of an effect of one flight), axis (of a free curve) and which of several such effects (from 1): what
@@ -107,9 +103,10 @@ def log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
     hi = np.minimum((high - mean) / sd, 1e8)
     # Logarithms are exact in the lower tail.
     flip = lo > 0.0
-    lower = log_ndtr(np.where(flip, -hi, lo))
-    upper = log_ndtr(np.where(flip, -lo, hi))
-    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
+    log_lower = log_ndtr(np.where(flip, -hi, lo))
+    log_upper = log_ndtr(np.where(flip, -lo, hi))
+    log_ratio = np.minimum(log_lower - log_upper, -1e-12)
+    return np.asarray(log_upper + np.log1p(-np.exp(log_ratio)))
 
 
 def prior_of(effect: Effect, context: Context, shape: Shape) -> tuple[Array, Array]:
@@ -152,20 +149,22 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     if top < 1e-9 * record.context.weight:
         return []
     u = np.minimum(size / top, 1.0)
-    energy = np.where(valid, size**2, 0.0)
+    weight = np.where(valid, size**2, 0.0)
+    whole = float(weight.sum())
     out = []
     basis = [np.ones_like(u)]
-    for power in (1, 2):
-        phi = u**power
-        for known in basis:
-            phi = phi - known * float((energy * phi * known).sum() / (energy * known**2).sum())
-        of_phi = float((energy * phi**2).sum())
-        whole = float(energy.sum())
-        if of_phi < FORM_LEAST**2 * whole:
+    for degree in (1, 2):
+        phi = u**degree
+        for lower in basis:
+            projection = (weight * phi * lower).sum() / (weight * lower**2).sum()
+            phi = phi - lower * float(projection)
+        energy = float((weight * phi**2).sum())
+        if energy < FORM_LEAST**2 * whole:
             break
         basis.append(phi)
-        spread = float(np.sqrt(of_phi / whole))
-        out.append(x * (FORM_PRIOR * phi / spread)[:, None])
+        norm = float(np.sqrt(energy / whole))
+        gain = FORM_PRIOR * phi / norm
+        out.append(x * gain[:, None])
     return out
 
 
@@ -178,11 +177,12 @@ def log_shapes(effect: Effect, shapes: Sequence[Shape]) -> list[float]:
     exponents = []
     for shape in shapes:
         values = list(zip(shape, effect.shapes, strict=True))
-        kinds.append(any(v in p.kinds for v, p in values))
-        exponents.append(-0.5 * sum((v / p.typical) ** 2 for v, p in values if p.typical))
-    kind = np.array(kinds)
+        kinds.append(any(value in parameter.kinds for value, parameter in values))
+        squares = [(v / p.typical) ** 2 for v, p in values if p.typical]
+        exponents.append(-0.5 * sum(squares))
+    is_kind = np.array(kinds)
     weight = np.exp(exponents)
-    parts = [part for part in (kind, ~kind) if part.any()]
-    for part in parts:
-        weight[part] *= 1.0 / len(parts) / weight[part].sum()
+    groups = [group for group in (is_kind, ~is_kind) if group.any()]
+    for group in groups:
+        weight[group] *= 1.0 / len(groups) / weight[group].sum()
     return list(map(float, np.log(weight)))

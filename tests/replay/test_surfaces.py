@@ -41,11 +41,11 @@ def with_map(monkeypatch, beside: float, instead: float) -> Walked:
     """What is taken, where the map gains so much beside all effects, and beside those that are no law of surfaces."""
     terms = tuple(Named(name) for name in LAWS)
 
-    def spread(_, others, effect):
+    def with_map_of(_, others, effect):
         gain = {2: beside, 1: instead}[len(others)]
         return Fitted(terms=(*others, Named(effect.name)), promise=WITHOUT + gain)
 
-    monkeypatch.setattr(surfaces, "_spread", spread)
+    monkeypatch.setattr(surfaces, "_with_map", with_map_of)
     monkeypatch.setattr(surfaces, "_lighter", lambda _, fit: fit)
     library = SimpleNamespace(remainders=[get("surface_law")])
     best = Fitted(terms=terms, promise=WITHOUT)
