@@ -11,10 +11,11 @@ from models.effects import Context
 from models.vehicle import Vehicle
 from models.vehicle.motor_outputs import declared_motors
 from replay.flightlog import FlightLog, LogFault, MotorLoss
-from replay.residual.failed_motor import Failure, evidence_until, failed_motor, places_known
+from replay.residual.failed_motor import Failure, failed_motor, places_known
 from replay.residual.grid import Mask
 from replay.residual.lost_speed import SLOW_SHARE, Lost, lost_speed, switched_off
 from replay.residual.motion import Trajectory
+from replay.residual.motor_signals import evidence_until
 
 WITHIN_S = 1.0
 """After a beginning, in which output and turning are described."""

@@ -14,11 +14,11 @@ from models.effects import Context
 from replay.diagnosis.motor_losses import loss_json, loss_text
 from replay.flightlog import FlightLog, LogFault, MotorLoss, ParameterChange, Series
 from replay.logs.formats import load
-from replay.residual.failed_motor import evidence_of
 from replay.residual.log_state import raw_state
 from replay.residual.lost_speed import SLOW_SHARE
 from replay.residual.motion import read_motion
 from replay.residual.motor_failure import _seen
+from replay.residual.motor_signals import evidence_of
 from replay.residual.record import build_record
 from replay.search.thresholds import SURE
 from tests.simulators.failing import cases, craft, tlog, world

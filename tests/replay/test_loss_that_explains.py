@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from models.common.frames import Array
-from replay.residual.failed_motor import _GAINS, GAIN_SD, _Loss, _Noise, _Signals, _stands
+from replay.residual.failed_motor import GAIN_SD
+from replay.residual.motor_loss import GAINS, Loss, loss_that_explains
+from replay.residual.motor_signals import Noise, Signals
 
 STEP_S = 0.1
 BEGIN = 30
@@ -13,12 +15,12 @@ END = 180
 SIDE = float(np.sqrt(0.5))
 ARMS = SIDE * np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
 """Of a quadcopter, over the lever: front right, rear left, front left, rear right."""
-UNSTEADY = _Noise(fast=np.array([0.02, 0.02, 0.05]), slow=np.array([0.03, 0.05, 0.1]))
-STEADY = _Noise(fast=np.array([0.01, 0.01, 0.03]), slow=np.array([0.004, 0.004, 0.01]))
-PRIOR = -0.5 * (np.log(_GAINS) / GAIN_SD) ** 2
+UNSTEADY = Noise(fast=np.array([0.02, 0.02, 0.05]), slow=np.array([0.03, 0.05, 0.1]))
+STEADY = Noise(fast=np.array([0.01, 0.01, 0.03]), slow=np.array([0.004, 0.004, 0.01]))
+PRIOR = -0.5 * (np.log(GAINS) / GAIN_SD) ** 2
 
 
-def signals(roll: Array, pitch: Array, lost: float) -> _Signals:
+def signals(roll: Array, pitch: Array, lost: float) -> Signals:
     """A hover whose rotors declare these moments (n,); its front left motor loses this share from ``BEGIN`` on."""
     count = len(roll)
     rng = np.random.default_rng(3)
@@ -30,7 +32,7 @@ def signals(roll: Array, pitch: Array, lost: float) -> _Signals:
     measured = declared - gone[:, None] * by_fan[:, 2]
     measured += rng.normal(size=(count, 3)) * (0.005, 0.005, 0.02)
     nothing = np.zeros(count, bool)
-    return _Signals(
+    return Signals(
         time_s=STEP_S * np.arange(count),
         step_s=STEP_S,
         measured=measured,
@@ -45,9 +47,11 @@ def signals(roll: Array, pitch: Array, lost: float) -> _Signals:
     )
 
 
-def loss_of(flight: _Signals, noise: _Noise, motor: int) -> _Loss | None:
+def loss_of(flight: Signals, noise: Noise, motor: int) -> Loss | None:
     """What is said of this motor."""
-    return _stands(signals=flight, noise=noise, prior=PRIOR, start=0, begin=BEGIN, end=END, k=motor)
+    return loss_that_explains(
+        signals=flight, noise=noise, prior=PRIOR, start=0, begin=BEGIN, end=END, motor=motor
+    )
 
 
 def test_a_loss_that_explains_little_is_none() -> None:
@@ -59,7 +63,7 @@ def test_a_loss_that_explains_little_is_none() -> None:
     noisy = leans[:, None] + rng.normal(size=(count, 2)) * 0.035
     leaning = signals(noisy[:, 0], noisy[:, 1], lost=0.0)
     # What is declared to lean is not measured: the vehicle stays level.
-    level = _Signals(**{**vars(leaning), "measured": flight.measured})
+    level = Signals(**{**vars(leaning), "measured": flight.measured})
     assert [loss_of(level, UNSTEADY, motor) for motor in range(4)] == [None] * 4
 
 
