@@ -27,9 +27,11 @@ class Grid:
     def __init__(self, start: float, end: float, rate: float, cut_off_hz: float) -> None:
         self.rate = rate
         self.t = start + np.arange(max(int((end - start) * rate), 1)) / rate
-        sigma = 0.1325 / cut_off_hz * rate  # -3 dB of a Gaussian: sqrt(ln 2) / (2 pi sigma_t)
+        # -3 dB of a Gaussian: sqrt(ln 2) / (2 pi sigma_t)
+        sigma = 0.1325 / cut_off_hz * rate
         half = max(int(4 * sigma), 1)
-        kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
+        sample = np.arange(-half, half + 1)
+        kernel = np.exp(-0.5 * (sample / sigma) ** 2)
         self.kernel = kernel / kernel.sum()
         self.spread_s = sigma / rate
         """Standard deviation of the low-pass."""
@@ -39,16 +41,17 @@ class Grid:
 
     def smooth(self, x: Array) -> Array:
         """Zero-phase Gaussian low-pass of (n, ...) along time, NaN ignored, every n-th sample kept."""
-        flat = x.reshape(len(x), -1)
-        out = np.empty((len(range(0, len(x), self.every)), flat.shape[1]))
-        for k in range(flat.shape[1]):
-            known = np.isfinite(flat[:, k])
-            weight = np.convolve(known.astype(float), self.kernel, "same")
-            y = np.where(known, flat[:, k], 0.0)
-            total = np.convolve(y, self.kernel, "same")
-            with np.errstate(invalid="ignore", divide="ignore"):
-                out[:, k] = np.where(weight > KNOWN_SHARE, total / weight, np.nan)[:: self.every]
-        return out.reshape(-1, *x.shape[1:])
+        columns = x.reshape(len(x), -1).T
+        out = [self._smooth(column) for column in columns]
+        return np.stack(out, axis=1).reshape(-1, *x.shape[1:])
+
+    def _smooth(self, x: Array) -> Array:
+        known = np.isfinite(x)
+        weight = np.convolve(known.astype(float), self.kernel, "same")
+        total = np.convolve(np.where(known, x, 0.0), self.kernel, "same")
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(weight > KNOWN_SHARE, total / weight, np.nan)
+        return mean[:: self.every]
 
 
 def rate_of_change(x: Array, rate_hz: float) -> Array:
@@ -60,13 +63,14 @@ def running_mean(x: Array, half: int) -> Array:
     """Mean of (n,) over ``2 half + 1`` samples, NaN and infinities left out."""
     kernel = np.ones(2 * half + 1)
     known = np.isfinite(x) & (np.abs(x) < 1e6)
-    weight = np.convolve(known.astype(float), kernel, "same")
+    samples = np.convolve(known.astype(float), kernel, "same")
+    total = np.convolve(np.where(known, x, 0.0), kernel, "same")
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(
-            weight > 0, np.convolve(np.where(known, x, 0.0), kernel, "same") / weight, np.nan
-        )
+        return np.where(samples > 0, total / samples, np.nan)
 
 
 def band(x: Array, rate: float, fast_s: float, slow_s: float) -> Array:
     """What of (n,) varies between two half widths of running means [s]."""
-    return running_mean(x, int(fast_s * rate)) - running_mean(x, int(slow_s * rate))
+    fast = running_mean(x, int(fast_s * rate))
+    slow = running_mean(x, int(slow_s * rate))
+    return fast - slow

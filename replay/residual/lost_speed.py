@@ -39,6 +39,8 @@ FLOWN_S = 5.0
 """Flight before, by which the law of speed over output is known."""
 BELOW = 0.5
 """Share of MOT_SPIN_MIN below which no autopilot drives a motor in flight."""
+OUTPUTS = 16
+"""Of an autopilot, as records hold them."""
 ARDUPILOT = 3
 """MAV_AUTOPILOT."""
 
@@ -55,64 +57,82 @@ class Lost:
 def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     """The first motor whose speed leaves its output before ``until_s``; None without speeds or outputs in the log."""
     rpm = ctx.state.rpm
-    numbers = [rotor.esc for rotor in ctx.vehicle.rotors]
-    if not np.isfinite(rpm).any() or None in numbers:
-        return None
-    outputs = ctx.state.servo_us[:, [n - 1 for n in numbers if n is not None and n <= 16]]
-    if outputs.shape[1] != rpm.shape[1]:
+    outputs = _outputs_of_rotors(ctx)
+    if outputs is None:
         return None
     rate = 1.0 / ctx.state.step_s
     # Where a rotor stops, the declared lift may no longer be that of a flight.
-    aloft = np.convolve(flying, np.ones(round(FALLS_S * rate) + 1))[: len(flying)] > 0.5
+    while_falling = np.ones(round(FALLS_S * rate) + 1)
+    aloft = np.convolve(flying, while_falling)[: len(flying)] > 0.5
     seen = np.isfinite(outputs).all(axis=1) & np.isfinite(rpm).all(axis=1)
     seen &= ctx.state.time_s < until_s
     known = aloft & seen
-    first = np.flatnonzero(known)
-    if len(first) < 2.0 * FLOWN_S * rate:
-        return None
-    # A law of all motors and of the whole log, idle on the ground included: one that fails is one of many, and late.
+    rows = np.flatnonzero(known)
+    # The law is of the whole log, idle on the ground included.
     turning = seen & (rpm > 0.0).all(axis=1)
-    if not turning.any():
+    if len(rows) < 2.0 * FLOWN_S * rate or not turning.any():
         return None
-    law = np.polyfit(outputs[turning].ravel(), rpm[turning].ravel() ** 2, 2)
-    squared = np.polyval(law, outputs)
-    expected = _lagged(np.sqrt(np.maximum(squared, 0.0)), LAG_S * rate)
+    expected = _expected(outputs, rpm, turning, rate)
+    least = LEAST_EXPECTED * np.median(rpm[known])
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = rpm / np.maximum(expected, LEAST_EXPECTED * np.median(rpm[known]))
+        ratio = rpm / np.maximum(expected, least)
     following = np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan)
     ratio = ratio / np.nanmedian(following, axis=0)
-    start = int(first[0] + FLOWN_S * rate)
-    lost = []
-    for k in range(rpm.shape[1]):
-        found = _leaves(ctx, ratio, known, k, start, rate)
-        if found is not None:
-            lost.append(found)
-    return min(lost, key=lambda found: found.since_s, default=None)
+    start = int(rows[0] + FLOWN_S * rate)
+    lost = [_lost(ctx, ratio, known, rotor=k, start=start) for k in range(rpm.shape[1])]
+    found = [one for one in lost if one is not None]
+    return min(found, key=lambda one: one.since_s, default=None)
 
 
-def _leaves(
-    ctx: Context, ratio: Array, known: Mask, k: int, start: int, rate: float
-) -> Lost | None:
-    others = np.delete(ratio, k, axis=1)
+def _outputs_of_rotors(ctx: Context) -> Array | None:
+    """Outputs (n, rotors) of the numbers of the rotors' ESCs; None without speeds or outputs in the log."""
+    numbers = [rotor.esc for rotor in ctx.vehicle.rotors]
+    if not np.isfinite(ctx.state.rpm).any() or None in numbers:
+        return None
+    columns = [n - 1 for n in numbers if n is not None and n <= OUTPUTS]
+    if len(columns) != ctx.state.rpm.shape[1]:
+        return None
+    return np.asarray(ctx.state.servo_us[:, columns])
+
+
+def _expected(outputs: Array, rpm: Array, turning: Mask, rate: float) -> Array:
+    """Speeds (n, rotors) that the outputs ask: omega^2 = f(u) behind a lag.
+
+    f is a parabola for all motors: one that fails is one of many.
+    """
+    u = outputs[turning].ravel()
+    squared_speed = rpm[turning].ravel() ** 2
+    law = np.polyfit(u, squared_speed, 2)
+    squared = np.polyval(law, outputs)
+    steady = np.sqrt(np.maximum(squared, 0.0))
+    return _lagged(steady, LAG_S * rate)
+
+
+def _lost(ctx: Context, ratio: Array, known: Mask, *, rotor: int, start: int) -> Lost | None:
+    """When a rotor's speed leaves its output after ``start``, by speeds over what outputs ask (n, rotors)."""
+    rate = 1.0 / ctx.state.step_s
+    rpm = ctx.state.rpm[:, rotor]
+    own = ratio[:, rotor]
+    others = np.delete(ratio, rotor, axis=1)
+    least, most = FOLLOWS
     with np.errstate(invalid="ignore"):
         usual = np.median(others, axis=1)
-        follow = (usual > FOLLOWS[0]) & (usual < FOLLOWS[1]) & known
-        slow = (ratio[:, k] < SLOW_SHARE) & follow
-        rpm = ctx.state.rpm[:, k]
+        follow = (usual > least) & (usual < most) & known
         above_usual = rpm > np.nanmedian(rpm[known])
-        fast = (ratio[:, k] > FAST_SHARE) & above_usual & follow
+        slow = (own < SLOW_SHARE) & follow
+        fast = (own > FAST_SHARE) & above_usual & follow
     for off, faster, lasts_s in ((slow, False, LASTS_S), (fast, True, FASTER_S)):
         count = max(round(lasts_s * rate), 2)
-        stays = _stays(off[start:], follow[start:], count, round(STAYS_S * rate))
-        if stays is not None:
-            return Lost(k, float(ctx.state.time_s[start + stays]), faster)
+        first = _first_that_stays(off[start:], follow[start:], count, round(STAYS_S * rate))
+        if first is not None:
+            return Lost(rotor, float(ctx.state.time_s[start + first]), faster)
     return None
 
 
-def _stays(off: Mask, judged: Mask, count: int, later: int) -> int | None:
-    """First sample from which on it is off for ``count`` samples, and mostly so in those judged of the ``later``."""
+def _first_that_stays(off: Mask, judged: Mask, count: int, following: int) -> int | None:
+    """First sample from which on it is off for ``count`` samples, and mostly so in those judged that follow it."""
     for first in np.flatnonzero(_lasting(off, count)).tolist():
-        span = slice(first, first + later)
+        span = slice(first, first + following)
         if off[span].sum() > MOSTLY * judged[span].sum():
             return int(first)
     return None
@@ -153,7 +173,9 @@ def switched_off(log: FlightLog, ctx: Context, flying: Mask, until_s: float) -> 
     for k in range(share.shape[1]):
         others = np.delete(share, k, axis=1)
         with np.errstate(invalid="ignore"):
-            alone = (share[:, k] < BELOW * least) & (others.min(axis=1) > BELOW * least) & aloft
+            off = share[:, k] < BELOW * least
+            others_on = others.min(axis=1) > BELOW * least
+        alone = off & others_on & aloft
         lasting = _lasting(alone, count)
         if lasting.any():
             return Lost(k, float(t[int(np.argmax(lasting))]), faster=False)

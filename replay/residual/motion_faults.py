@@ -52,12 +52,14 @@ def gyro_faults(motion: Trajectory, flying: Mask) -> list[LogFault]:
     half = max(int(max(GYRO_S, GYRO_SAMPLES / slower) * rate), 1)
     out = []
     for axis, name in enumerate(("p_rad_s", "q_rad_s", "r_rad_s")):
-        gyro, attitude = (running_mean(v[:, axis], half) for v in (motion.gyro, turning))
+        gyro = running_mean(motion.gyro[:, axis], half)
+        attitude = running_mean(turning[:, axis], half)
         both = flying & np.isfinite(gyro) & np.isfinite(attitude)
         if both.sum() < FEWEST_SAMPLES:
             continue
         size = float(max(gyro[both].std(), attitude[both].std()))
-        if size > GYRO_LEAST_RAD_S and float((gyro - attitude)[both].std()) > GYRO_DISAGREE * size:
+        difference = float((gyro - attitude)[both].std())
+        if size > GYRO_LEAST_RAD_S and difference > GYRO_DISAGREE * size:
             out.append(LogFault(name, "disagrees with the rate at which the attitude turns"))
     return out
 
@@ -68,25 +70,28 @@ def accelerometer_faults(motion: Trajectory, flying: Mask) -> list[tuple[int, Lo
     implied = motion.force - motion.kinematic_bias
     out = []
     for axis, name in enumerate(("ax_m_s2", "ay_m_s2", "az_m_s2")):
-        measured, kinematic = (band(v[:, axis], rate, *FORCE_S) for v in (motion.force, implied))
+        measured = band(motion.force[:, axis], rate, *FORCE_S)
+        kinematic = band(implied[:, axis], rate, *FORCE_S)
         both = flying & np.isfinite(measured) & np.isfinite(kinematic)
         if both.sum() < FEWEST_SAMPLES:
             continue
-        offset = abs(float(np.median((motion.force - implied)[both, axis])))
+        difference = (motion.force - implied)[both, axis]
+        offset = abs(float(np.median(difference)))
         least = FORCE_LEAST_M_S2[axis]
-        when = np.flatnonzero(both)
-        parts = [
-            _agree(measured[part], kinematic[part], least)
-            for part in np.array_split(when, STRETCHES)
-        ]
-        unlike = _agree(measured[both], kinematic[both], least) is False and parts.count(
-            True
-        ) <= parts.count(False)
-        if unlike or offset > ASKEW_M_S2:
-            out.append(
-                (axis, LogFault(name, "disagrees with velocity and attitude: one of them is wrong"))
-            )
+        if offset > ASKEW_M_S2 or _unlike(measured[both], kinematic[both], least):
+            what = "disagrees with velocity and attitude: one of them is wrong"
+            out.append((axis, LogFault(name, what)))
     return out
+
+
+def _unlike(measured: Array, kinematic: Array, least: float) -> bool:
+    """Whether two accelerations (n,) disagree as a whole, and in as many stretches as they agree in."""
+    if _agree(measured, kinematic, least) is not False:
+        return False
+    stretches = []
+    for part in np.array_split(np.arange(len(measured)), STRETCHES):
+        stretches.append(_agree(measured[part], kinematic[part], least))
+    return stretches.count(False) >= stretches.count(True)
 
 
 def _agree(measured: Array, kinematic: Array, least: float) -> bool | None:
@@ -112,7 +117,9 @@ def derived_accelerometer(motion: Trajectory, flying: Mask) -> bool:
     rate = motion.grid.rate
     difference = np.einsum("nij,nj->ni", motion.rotation, motion.kinematic_bias)
     difference[~flying] = np.nan
-    short, long = (_spread(difference, flying, seconds, rate) for seconds in DERIVED_OVER_S)
+    short_s, long_s = DERIVED_OVER_S
+    short = _spread(difference, flying, short_s, rate)
+    long = _spread(difference, flying, long_s, rate)
     return bool((long < DERIVED_M_S2).all() and (long < DERIVED_SHARE * short).all())
 
 
@@ -122,7 +129,8 @@ def _spread(x: Array, flying: Mask, seconds: float, rate: float) -> Array:
     whole = np.convolve(flying, np.ones(2 * half + 1), "same") > 2 * half
     if whole.sum() < FEWEST_SAMPLES or not np.isfinite(x[whole]).any():
         return np.full(3, np.inf)
-    return np.array([float(np.nanstd(running_mean(x[:, axis], half)[whole])) for axis in range(3)])
+    means = [running_mean(of_axis, half) for of_axis in x.T]
+    return np.array([float(np.nanstd(mean[whole])) for mean in means])
 
 
 def first_upside_down(motion: Trajectory) -> int | None:

@@ -74,17 +74,16 @@ def exchanged_fans(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFa
     turned = [band(turning[:, axis], rate, *BAND_S) for axis in (0, 1)]
     declared = tuple(range(len(places)))
     orders = {declared: "", **_orders(places, ctx.lever)}
-    size = {o: np.nanstd(_moments(thrust, places, o)[flying], axis=0) for o in orders}
-    if not (np.max(list(size.values()), axis=0) > EXCITED * ctx.weight * ctx.lever).all():
+    moments = {order: _moments(thrust, places, order) for order in orders}
+    sizes = [np.nanstd(moment[flying], axis=0) for moment in moments.values()]
+    if not (np.max(sizes, axis=0) > EXCITED * ctx.weight * ctx.lever).all():
         return []
     most = int(ANSWER_S * rate)
-    fit = {
-        o: min(
-            _answered(_correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most))
-            for a in (0, 1)
-        )
-        for o in orders
-    }
+    fit = {}
+    for order, moment in moments.items():
+        roll = _correlations(moment[:, 0], turned[0], flying, most)
+        pitch = _correlations(moment[:, 1], turned[1], flying, most)
+        fit[order] = min(_answered(roll), _answered(pitch))
     best = max(orders, key=lambda o: round(fit[o], 6))
     if best == declared or fit[best] < FITS or fit[declared] > FITS_LESS * fit[best]:
         return []
@@ -98,11 +97,14 @@ def exchanged_fans(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFa
 def exchanged_spins(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogFault]:
     """Rotor torques that oppose the angular acceleration about the vertical."""
     moment = ctx.rotor_moment[:, 2]
-    if not flying.any() or not float(np.nanstd(moment[flying])) > EXCITED * ctx.weight * ctx.lever:
+    least = EXCITED * ctx.weight * ctx.lever
+    if not flying.any() or not float(np.nanstd(moment[flying])) > least:
         return []
     rate = motion.grid.rate
-    turned = band(rate_of_change(motion.gyro[:, 2], rate), rate, *BAND_S)
-    found = _correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
+    most = int(ANSWER_S * rate)
+    turning = rate_of_change(motion.gyro[:, 2], rate)
+    turned = band(turning, rate, *BAND_S)
+    found = _correlations(band(moment, rate, *BAND_S), turned, flying, most)
     at = int(np.abs(found).argmax())
     r = float(found[at])
     # A torque of the other sense opposes at once. What only opposes later, or still grows at the longest delay, is the
@@ -110,12 +112,8 @@ def exchanged_spins(ctx: Context, motion: Trajectory, flying: Mask) -> list[LogF
     if r >= OPPOSED or at == len(found) - 1 or found[0] >= 0.0:
         return []
     spins = "clockwise and counter-clockwise are exchanged"
-    return [
-        LogFault(
-            "vehicle file",
-            f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})",
-        )
-    ]
+    what = f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})"
+    return [LogFault("vehicle file", what)]
 
 
 def _answered(found: Array) -> float:
@@ -141,7 +139,8 @@ def _orders(places: Array, lever: float) -> dict[Order, str]:
     out: dict[Order, str] = {}
     for i, j in combinations(range(n), 2):
         pair = list(range(n))
-        pair[i], pair[j] = j, i
+        pair[i] = j
+        pair[j] = i
         out[tuple(pair)] = f"fans {i + 1} and {j + 1}"
     moved = {what: places * np.array(sign) for what, sign in MIRRORS.items()}
     moved["front and right"] = np.stack([-places[:, 1], places[:, 0]], axis=1)
@@ -149,11 +148,9 @@ def _orders(places: Array, lever: float) -> dict[Order, str]:
     for what, where in moved.items():
         distance = np.linalg.norm(where[:, None] - places[None], axis=2)
         order = tuple(int(k) for k in distance.argmin(axis=1))
-        if (
-            len(set(order)) == n
-            and distance.min(axis=1).max() < SAME_PLACE * lever
-            and order not in out
-        ):
+        each_has_a_place = len(set(order)) == n
+        near = distance.min(axis=1).max() < SAME_PLACE * lever
+        if each_has_a_place and near and order not in out:
             out[order] = what
     out.pop(tuple(range(n)), None)
     return out
@@ -165,7 +162,11 @@ def _correlations(cause: Array, effect: Array, flying: Mask, most: int) -> Array
     for lag in range(0, most + 1, max(most // 10, 1)):
         a = cause[: len(cause) - lag]
         b = effect[lag:]
-        use = flying[lag:] & np.isfinite(a) & np.isfinite(b)
-        known = use.sum() >= FEWEST_COMMON and a[use].std() > 0.0 and b[use].std() > 0.0
-        out.append(float(np.corrcoef(a[use], b[use])[0, 1]) if known else 0.0)
+        known = flying[lag:] & np.isfinite(a) & np.isfinite(b)
+        a = a[known]
+        b = b[known]
+        r = 0.0
+        if len(a) >= FEWEST_COMMON and a.std() > 0.0 and b.std() > 0.0:
+            r = float(np.corrcoef(a, b)[0, 1])
+        out.append(r)
     return np.array(out)
