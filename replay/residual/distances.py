@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -59,11 +60,13 @@ def _reading(times: Array, distance: Array, near: Mask, far: Mask, t: Array) -> 
     known = near | far
     if known.any():
         usable = times[known]
-        nearest = np.clip(np.searchsorted(usable, t), 0, len(usable) - 1)
-        before = np.maximum(nearest - 1, 0)
-        pick = np.where(np.abs(usable[before] - t) < np.abs(usable[nearest] - t), before, nearest)
-        close = np.abs(usable[pick] - t) <= MAX_GAP_S
-        out = np.where(close & far[known][pick], np.inf, out)
+        after = np.clip(np.searchsorted(usable, t), 0, len(usable) - 1)
+        before = np.maximum(after - 1, 0)
+        since_before = np.abs(usable[before] - t)
+        until_after = np.abs(usable[after] - t)
+        nearest = np.where(since_before < until_after, before, after)
+        close = np.abs(usable[nearest] - t) <= MAX_GAP_S
+        out = np.where(close & far[known][nearest], np.inf, out)
     return out
 
 
@@ -100,11 +103,10 @@ def _carried(plane: PlaneDistance, t: Array, position: Array) -> PlaneDistance:
 
 
 def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
-    wanted = orientation_direction(orientation)
-    if wanted is None:
-        name = "other"
-    else:
-        name = direction_name(wanted)
+    direction = orientation_direction(orientation)
+    if direction is None:
+        return None
+    name = direction_name(direction)
     if name == "other":
         return None
     return log.beam(name)
@@ -254,17 +256,27 @@ def distances(
     rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
     seen += [_carried(plane, t, position) for plane in rings]
     if seen:
-        distance = np.stack([w.distance_m for w in seen])
-        normal = np.stack([w.normal_ned for w in seen])
-        walls = choose_walls(distance, normal)
-        known = np.where(walls.known, np.inf, np.nan)[:, None]
-        for index, d_name, bearing_name in (
-            (walls.first, "d_m", "wall_bearing_rad"),
-            (walls.second, "second_d_m", "second_bearing_rad"),
-        ):
-            there = index >= 0
-            rows = np.arange(n)
-            lips = fan_wall_distances(vehicle, distance[index, rows], normal[index, rows], rotation)
-            out[d_name] = np.where(there[:, None], lips, known)
-            out[bearing_name] = np.where(there, wall_bearing(normal[index, rows], rotation), 0.0)
+        out |= _wall_fields(vehicle, seen, rotation)
+    return out
+
+
+def _wall_fields(
+    vehicle: Vehicle, planes: Sequence[PlaneDistance], rotation: Array
+) -> dict[str, Array]:
+    """Distance and bearing of the two walls, of all planes that beams saw."""
+    distances_m = np.stack([plane.distance_m for plane in planes])
+    normals = np.stack([plane.normal_ned for plane in planes])
+    walls = choose_walls(distances_m, normals)
+    if_none = np.where(walls.known, np.inf, np.nan)[:, None]
+    rows = np.arange(len(rotation))
+    out = {}
+    for number, d_name, bearing_name in (
+        (walls.first, "d_m", "wall_bearing_rad"),
+        (walls.second, "second_d_m", "second_bearing_rad"),
+    ):
+        there = number >= 0
+        normal = normals[number, rows]
+        lips = fan_wall_distances(vehicle, distances_m[number, rows], normal, rotation)
+        out[d_name] = np.where(there[:, None], lips, if_none)
+        out[bearing_name] = np.where(there, wall_bearing(normal, rotation), 0.0)
     return out

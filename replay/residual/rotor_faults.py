@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -28,6 +28,7 @@ OTHER_SPEED = (0.6, 1.7)
 """Speed over the others' median outside which no trim explains it: thrust goes with its square, 0.4 and 2.9."""
 SOUND_M_S = 340.0
 """A tip faster than sound is no propeller's (ISA sea level)."""
+NOT_ITS_SPEED = "not the speed of this rotor (poles, gear, unit)"
 TURNING_SHARE = 0.3
 """Speed over the declared rotors' from which on an undeclared one takes part."""
 ROTOR_RATE_HZ = 5.0
@@ -61,32 +62,33 @@ def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
     typical = np.nanmedian(ctx.state.rpm[flying], axis=0)
     spread = np.nanstd(ctx.state.rpm[flying], axis=0)
     out = []
-    for k, rpm in enumerate(typical):
-        others = np.isfinite(typical) & (np.arange(len(typical)) != k)
-        usual = np.nan
-        varies = np.nan
-        if others.any():
-            usual = float(np.median(typical[others]))
-            varies = float(np.median(spread[others]))
-        tip = vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
-        if rpm < DEAD_SHARE * usual:
-            what = f"reads {rpm:.0f} rpm in flight{_output_of(ctx, k, flying)}"
-        elif spread[k] < STUCK_SHARE * usual and spread[k] < STUCK_BESIDE * varies:
-            what = f"stays at {rpm:.0f} rpm while the others vary"
-        elif tip > SOUND_M_S:
-            what = (
-                f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor (poles, "
-                "gear, unit)"
-            )
-        elif len(typical) > 2 and (rpm < OTHER_SPEED[0] * usual or rpm > OTHER_SPEED[1] * usual):
-            what = (
-                f"is {rpm / usual:.2g} times the other rotors': not the speed of this rotor "
-                "(poles, gear, unit)"
-            )
-        else:
-            continue
-        out.append(LogFault(_channel(vehicle, k), what))
+    for k in range(len(typical)):
+        what = _wrong_speed(ctx, flying, typical, spread, k)
+        if what is not None:
+            out.append(LogFault(_channel(vehicle, k), what))
     return out
+
+
+def _wrong_speed(ctx: Context, flying: Mask, typical: Array, spread: Array, k: int) -> str | None:
+    """What is wrong with a rotor, by the ``typical`` speeds (rotors,) in flight and their ``spread``."""
+    rpm = typical[k]
+    others = np.isfinite(typical) & (np.arange(len(typical)) != k)
+    usual = np.nan
+    usual_spread = np.nan
+    if others.any():
+        usual = float(np.median(typical[others]))
+        usual_spread = float(np.median(spread[others]))
+    tip_m_s = ctx.vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
+    least, most = OTHER_SPEED
+    if rpm < DEAD_SHARE * usual:
+        return f"reads {rpm:.0f} rpm in flight{_output_of(ctx, k, flying)}"
+    if spread[k] < STUCK_SHARE * usual and spread[k] < STUCK_BESIDE * usual_spread:
+        return f"stays at {rpm:.0f} rpm while the others vary"
+    if tip_m_s > SOUND_M_S:
+        return f"is {rpm:.0f} rpm, {tip_m_s:.0f} m/s at the tip: {NOT_ITS_SPEED}"
+    if len(typical) > 2 and (rpm < least * usual or rpm > most * usual):
+        return f"is {rpm / usual:.2g} times the other rotors': {NOT_ITS_SPEED}"
+    return None
 
 
 def impossible_speeds(
@@ -100,9 +102,8 @@ def impossible_speeds(
         return []
     rpm = _median_rpm(log, motion.grid.t[flying])
     if rpm is None:
-        what = None
-    else:
-        what = misread(rpm, _hover(log, ctx.vehicle), log.parameters)
+        return []
+    what = misread(rpm, _hover(log, ctx.vehicle), log.parameters)
     if what is None:
         return []
     return [LogFault(f"rpm_{min(log.escs)}", what)]
@@ -158,27 +159,43 @@ def shifted_speeds(
     moving = [o for o in _moving_outputs(ctx, flying) if not ours or o in ours]
     if not vehicle.telemetered or len(numbers) < FEWEST_ORDERED or len(numbers) != len(moving):
         return []
-    fits = _followed(ctx, motion, flying, moving)
-    ranks = dict(zip(sorted(numbers), moving, strict=True))
-    by_motor = {motor: declared.get(motor, motor) for motor in range(1, len(numbers) + 1)}
-    ways = (numbers, [ranks[n] for n in numbers], [by_motor.get(n, 0) for n in numbers])
-    right = []
-    for way in ways:
-        if set(way) == set(moving):
-            right.append([moving.index(o) for o in way])
-    rows = range(len(numbers))
-    usual = max(float(fits[rows, way].mean()) for way in right)
-    wrong = [order for way in right for order in _disorders(way)]
-    best = max(wrong, key=lambda order: round(float(fits[rows, order].mean()), 1))
-    found = float(fits[rows, best].mean())
-    if found < FOLLOWS or usual > FOLLOWS_LESS * found:
+    correlations = _followed(ctx, motion, flying, moving)
+
+    def fit(order: list[int]) -> float:
+        return float(correlations[range(len(order)), order].mean())
+
+    right = _right_orders(numbers, moving, declared)
+    wrong: list[list[int]] = []
+    for order in right:
+        wrong += _disorders(order)
+    best = max(wrong, key=lambda order: round(fit(order), 1))
+    fit_of_right = max(fit(order) for order in right)
+    if fit(best) < FOLLOWS or fit_of_right > FOLLOWS_LESS * fit(best):
         return []
     pairs = sorted(zip(numbers, [moving[k] for k in best], strict=True))
-    said = ", ".join(f"ESC {n} output {o}" for n, o in pairs)
+    orders = ", ".join(f"ESC {n} output {o}" for n, o in pairs)
     what = (
-        f"speeds stand at the numbers of other motors: {said} would fit; moments cannot be judged"
+        f"speeds stand at the numbers of other motors: {orders} would fit; moments cannot be judged"
     )
     return [LogFault(f"rpm_{min(numbers)}", what)]
+
+
+def _right_orders(
+    numbers: list[int], moving: list[int], declared: Mapping[int, int]
+) -> list[list[int]]:
+    """Which of the ``moving`` outputs (from 0) belongs to each ESC number, by every rule that fits them."""
+    by_rank = dict(zip(sorted(numbers), moving, strict=True))
+    by_motor = {motor: declared.get(motor, motor) for motor in range(1, len(numbers) + 1)}
+    rules = (
+        numbers,
+        [by_rank[n] for n in numbers],
+        [by_motor.get(n, 0) for n in numbers],
+    )
+    out = []
+    for outputs in rules:
+        if set(outputs) == set(moving):
+            out.append([moving.index(o) for o in outputs])
+    return out
 
 
 def _disorders(way: list[int]) -> list[list[int]]:
@@ -238,13 +255,14 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
     else:
         usual = np.inf
     known = {rotor.esc for rotor in ctx.vehicle.rotors}
-    return [
-        LogFault(f"rpm_{number}", "turns in flight, and the vehicle file knows no such rotor")
-        for number, esc in log.escs.items()
-        if number not in known
-        and esc.rpm is not None
-        and float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual
-    ]
+    what = "turns in flight, and the vehicle file knows no such rotor"
+    out = []
+    for number, esc in log.escs.items():
+        if number in known or esc.rpm is None:
+            continue
+        if float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual:
+            out.append(LogFault(f"rpm_{number}", what))
+    return out
 
 
 def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
@@ -253,20 +271,19 @@ def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     curve = ctx.vehicle.throttle
     if curve is None or not flying.any():
         return [], never
-    outputs = np.stack(
-        [ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1
-    )
+    columns = [(rotor.servo or 1) - 1 for rotor in ctx.vehicle.rotors]
+    outputs = ctx.state.servo_us[:, columns]
+    range_us = curve.pwm_max_us - curve.pwm_min_us
     with np.errstate(invalid="ignore"):
-        at_stop = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
+        at_stop = (outputs - curve.pwm_min_us) / range_us >= FULL
     at_stop &= flying[:, None]
     full = np.asarray(at_stop.any(axis=1))
     share = float(full.sum() / flying.sum())
     if share <= FULL_REPORTED:
         return [], never
-    channel = _channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
-    return [
-        LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")
-    ], full
+    most = int(at_stop.sum(axis=0).argmax())
+    what = f"at full command in {share:.0%} of the flight: thrust does not follow"
+    return [LogFault(_channel(ctx.vehicle, most), what)], full
 
 
 def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
@@ -289,13 +306,16 @@ def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> li
         )
     else:
         assert log.servo is not None
-        values = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]
+        columns = [r.servo - 1 for r in vehicle.rotors if r.servo is not None]
+        values = log.servo.values[:, columns]
         most = EQUAL_US
         what = "all servo outputs are copies of one number: moments cannot be judged"
     values = values[np.isfinite(values).all(axis=1)]
-    if values.shape[1] < 2 or len(values) < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:
+    samples, count = values.shape
+    if count < 2 or samples < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:
         return []
-    if vehicle.telemetered and not np.nanstd(motion.gyro[flying, :2], axis=0).max() > TURNS_RAD_S:
+    turning = np.nanstd(motion.gyro[flying, :2], axis=0)
+    if vehicle.telemetered and not turning.max() > TURNS_RAD_S:
         return []
     return [LogFault(_channel(vehicle, 0), what)]
 
