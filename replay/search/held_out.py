@@ -138,9 +138,20 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     effects: dict[Key, Acting] = {}
     rest = before
     for term in best.of_effects:
-        if f in term.places:
-            effects[term.key] = _acting(library, best, term, f, folds)
-            rest = rest - _whole_wrench(library, best, term, f)
+        if f not in term.places:
+            continue
+        x, form = library.wrenches(term, f)
+        effects[term.key] = _acting(
+            record=record,
+            term=term,
+            x=x,
+            sizes=best.sizes(term, f),
+            of_folds=np.stack([fold.sizes(term, f) for fold in folds]),
+        )
+        first_form = len(term.columns) - form.shape[2]
+        of_form = best.b[best.part(term)][first_form:]
+        wrench = x @ best.sizes(term, f) + form @ of_form
+        rest = rest - _where_judged(record, wrench)
     fit = FlightFit(
         record=record,
         index=f,
@@ -155,18 +166,13 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     return replace(fit, rest=rest - trim, beside=curves + trim, carriers=carriers)
 
 
-def _acting(library: Library, best: Fit, term: Term, f: int, folds: Sequence[Fit]) -> Acting:
-    """One effect on a flight, on held-out time and in all."""
-    record = library.records[f]
-    x, _ = library.wrenches(term, f)
+def _acting(record: Record, term: Term, x: Array, *, sizes: Array, of_folds: Array) -> Acting:
+    """One effect with columns ``x`` (n, 6, k) on a flight, by its sizes (k,) and those of the folds (FOLDS, k)."""
     fold_of_sample, _ = _split(record)
-    of_folds = np.stack([fold.sizes(term, f) for fold in folds])
     wrench_by_fold = np.einsum("nak,fk->fna", x, of_folds)
     held_out = np.take_along_axis(wrench_by_fold, fold_of_sample[None, :, None], axis=0)[0]
-    judged = np.isin(np.arange(6), record.axes)
-    sizes = best.sizes(term, f)
     return Acting(
-        held_out=np.where(judged, held_out, 0.0),
+        held_out=_where_judged(record, held_out),
         axes=_clear_axes(record, x @ sizes),
         folds=of_folds,
         parameters=term.named.parameters(sizes, term.shape),
@@ -181,14 +187,10 @@ def _clear_axes(record: Record, wrench: Array) -> tuple[str, ...]:
     return tuple(AXES[axis] for axis in record.axes if rms[axis] > clear > 0.0)
 
 
-def _whole_wrench(library: Library, best: Fit, term: Term, f: int) -> Array:
-    """Wrench (n, 6) of an effect with its model-form error, by coefficients of all time."""
-    x, form = library.wrenches(term, f)
-    first_form = len(term.columns) - form.shape[2]
-    of_form = best.b[best.part(term)][first_form:]
-    wrench = x @ best.sizes(term, f)
-    judged = np.isin(np.arange(6), library.records[f].axes)
-    return np.where(judged, wrench + form @ of_form, 0.0)
+def _where_judged(record: Record, wrench: Array) -> Array:
+    """A wrench (n, 6) on the judged axes, 0 on the others."""
+    judged = np.isin(np.arange(6), record.axes)
+    return np.where(judged, wrench, 0.0)
 
 
 def _curves(

@@ -10,7 +10,7 @@ from made_up import biased, some
 
 from models.effects import get
 from replay.search.library import Library
-from replay.search.terms import regressors_of
+from replay.search.terms import regressors_of, without_form
 
 NAMES = ("imu_bias", "wind", "ceiling")
 
@@ -55,3 +55,13 @@ def test_between_two_shapes_lies_one_more_and_it_is_taken_in_once() -> None:
     term = next(t for t in library.terms if t.shape == (0.5,))
     assert [t.shape for t in library.finer(term, 0.5)] == [(0.375,), (0.625,)]
     assert library.finer(term, 0.0) == []
+
+
+def test_a_term_without_its_errors_of_form_has_none_of_their_wrenches() -> None:
+    """A map of surfaces stands for them."""
+    library = Library([biased()], some("rotor_drag"))
+    term = next(t for t in library.terms if t.form.any())
+    _, with_form = library.wrenches(term, 0)
+    _, none = library.wrenches(without_form(term), 0)
+    assert with_form.shape[2] == term.form.sum()
+    assert none.shape[2] == 0
