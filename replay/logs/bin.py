@@ -73,6 +73,7 @@ _SHORTEST = 3
 _TIMES = ("TimeUS", "TimeMS")
 _GPS = ("GPS", "GPS2")
 """Their TimeMS counts from the start of the week."""
+_GPS_TIMES = ("T", "TimeMS", "Time")
 _LASTING = ("FMT", "FMTU", "UNIT", "MULT", "PARM")
 """What is said once, at the start of a log."""
 _FACTORS = {"deg/s": math.radians(1.0), "rad": math.degrees(1.0)}
@@ -83,7 +84,8 @@ _DECIDING = 5
 """So many stamps after a step back say whether it lasts."""
 _TEXT_FORMATS = "nNZ"
 _TEXT = ("S", "V")
-"""numpy's letters for a field that holds text."""
+_NUMBER = ("f", "i", "u")
+"""numpy's letters for a field that holds text, and for one that holds numbers."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,11 +108,7 @@ class MessageFormat:
     @property
     def stamp(self) -> str | None:
         """The field with its boot time."""
-        times: tuple[str, ...]
-        if self.name in _GPS:
-            times = _TIMES[:1]
-        else:
-            times = _TIMES
+        times = _TIMES[:1] if self.name in _GPS else _TIMES
         return next((field for field in times if field in self.fields), None)
 
     def fits(self, data: Content, i: int) -> bool:
@@ -123,29 +121,29 @@ class MessageFormat:
 def _declared(message: bytes) -> MessageFormat:
     """What a FMT message declares; the same bytes declare the same."""
     declared = np.frombuffer(message, _FMT_TYPE)[0]
-    name, formats, columns = (
-        declared[k].decode("ascii", "replace") for k in ("name", "format", "columns")
-    )
+    formats = _ascii(declared["format"])
+    columns = _ascii(declared["columns"])
+    fields: tuple[str, ...] = ()
     if columns:
         fields = tuple(columns.split(","))
-    else:
-        fields = ()
-    known = all(c in FORMAT_TO_STRUCT for c in formats) and len(set(fields)) == len(fields) == len(
-        formats
-    )
-    if known:
-        pairs = list(zip(fields, formats, strict=True))
-    else:
-        pairs = []
+    dtype = None
+    divisors = {}
+    a_format_each = len(set(fields)) == len(fields) == len(formats)
+    if a_format_each and all(format_ in FORMAT_TO_STRUCT for format_ in formats):
+        types = [("head", "V3")]
+        for field, format_ in zip(fields, formats, strict=True):
+            code, multiplier, _ = FORMAT_TO_STRUCT[format_]
+            types.append((field, _numpy(format_, code)))
+            if multiplier is not None:
+                divisors[field] = 1.0 / multiplier
+        dtype = np.dtype(types)
     return MessageFormat(
         number=int(declared["type"]),
-        name=name,
+        name=_ascii(declared["name"]),
         length=int(declared["length"]),
         fields=fields,
-        dtype=np.dtype([("head", "V3"), *((f, _numpy(c)) for f, c in pairs)]) if known else None,
-        divisors={
-            f: 1.0 / FORMAT_TO_STRUCT[c][1] for f, c in pairs if FORMAT_TO_STRUCT[c][1] is not None
-        },
+        dtype=dtype,
+        divisors=divisors,
     )
 
 
@@ -157,11 +155,44 @@ def _summed(declared: MessageFormat) -> MessageFormat | None:
     return replace(declared, length=declared.dtype.itemsize)
 
 
-def _numpy(format_: str) -> str:
-    code: str = FORMAT_TO_STRUCT[format_][0]
-    if code.endswith("s"):
-        return ("S" if format_ in _TEXT_FORMATS else "V") + code[:-1]
-    return f"<{np.dtype(code).str[1:]}"
+def _ascii(raw: bytes) -> str:
+    return raw.decode("ascii", "replace")
+
+
+def _numpy(format_: str, code: str) -> str:
+    """numpy's type of a field; ``code``: that of ``struct``."""
+    if not code.endswith("s"):
+        return f"<{np.dtype(code).str[1:]}"
+    letter = "S" if format_ in _TEXT_FORMATS else "V"
+    return letter + code[:-1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Records:
+    """Messages of one declaration in the order of the file: their offsets (n,) and contents (n,)."""
+
+    kind: MessageFormat
+    offsets: NDArray[np.int64]
+    content: NDArray[Any]
+
+    def letter(self, field: str) -> str:
+        """numpy's letter for what a field holds; "" where there is none of that name, as in a damaged declaration."""
+        if field in (self.content.dtype.names or ()):
+            return self.content.dtype[field].kind
+        return ""
+
+    def has(self, *fields: str) -> bool:
+        """Whether all of them are declared."""
+        return set(fields) <= set(self.kind.fields)
+
+    def texts(self, field: str) -> list[str]:
+        """A field as text (n,)."""
+        return [_text(raw) for raw in self.content[field]]
+
+    def stamps(self) -> Array:
+        """Times [s] (n,) of a kind that has such."""
+        per_second = 1e6 if self.kind.stamp == "TimeUS" else 1e3
+        return np.asarray(self.content[self.kind.stamp], float) / per_second
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,103 +212,90 @@ class Dataflash:
 
     def of(self, name: str) -> Messages:
         """All messages of a name; none where there are none. A field that a declaration lacks is NaN."""
-        parts = [
-            self._messages(kind, offsets, content) for kind, offsets, content in self._records(name)
-        ]
+        parts = []
+        offsets = [np.empty(0, np.int64)]
+        for records in self._records(name):
+            parts.append(self._messages(records))
+            offsets.append(records.offsets)
         if len(parts) == 1:
             return parts[0]
-        fields = dict.fromkeys(f for part in parts for f in part.data)
+        columns: dict[str, NDArray[Any]] = {}
+        for field in dict.fromkeys(itertools.chain(*(part.data for part in parts))):
+            columns[field] = np.concatenate([part.column(field) for part in parts])
         t_s = np.concatenate([np.empty(0), *(part.t_s for part in parts)])
-        whole = Messages(
-            name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields}
-        )
-        in_file = np.argsort(
-            np.concatenate([np.empty(0, np.int64), *(p for _, p, _ in self._records(name))])
-        )
-        return whole.where(in_file)
+        in_file = np.argsort(np.concatenate(offsets))
+        return Messages(name, t_s, columns).where(in_file)
 
     def texts(self) -> Iterator[tuple[float, str]]:
         """MSG: time [s], text."""
-        for kind, offsets, content in self._records("MSG"):
-            if _letter(content, "Message") in _TEXT:
-                times = self._times(kind, offsets, content)
-                yield from zip(times.tolist(), map(_text, content["Message"]), strict=True)
+        for records in self._records("MSG"):
+            if records.letter("Message") in _TEXT:
+                times = self._times(records).tolist()
+                yield from zip(times, records.texts("Message"), strict=True)
 
     def parameters(self) -> list[Row]:
         """PARM in the order of the file: time [s] (before all others where it is unknown), name, value."""
         found: list[tuple[int, Row]] = []
-        for kind, offsets, content in self._records("PARM"):
-            if _letter(content, "Name") not in _TEXT or _letter(content, "Value") not in (
-                "f",
-                "i",
-                "u",
-            ):
+        for records in self._records("PARM"):
+            if records.letter("Name") not in _TEXT or records.letter("Value") not in _NUMBER:
                 continue
-            times = np.nan_to_num(self._times(kind, offsets, content), nan=-math.inf)
-            names = map(_text, content["Name"])
-            values = content["Value"].astype(float)
-            rows = zip(times.tolist(), names, values.tolist(), strict=True)
-            found += [(offset, row) for offset, row in zip(offsets.tolist(), rows, strict=True)]
+            times = np.nan_to_num(self._times(records), nan=-math.inf).tolist()
+            values = records.content["Value"].astype(float).tolist()
+            rows = zip(times, records.texts("Name"), values, strict=True)
+            found += zip(records.offsets.tolist(), rows, strict=True)
         return [row for _, row in sorted(found) if math.isfinite(row[2])]
 
-    def _records(
-        self, *names: str
-    ) -> Iterator[tuple[MessageFormat, NDArray[np.int64], NDArray[Any]]]:
-        """Of every declaration of these names: offsets (n,) of its messages, and their fields (n,)."""
+    def _records(self, *names: str) -> Iterator[_Records]:
+        """Of every declaration of these names what can be read."""
         data = np.frombuffer(self.data, np.uint8)
         for kind, offsets in self.places.items():
             if kind.dtype is not None and kind.readable and kind.name in names and len(offsets):
+                messages = sliding_window_view(data, kind.length)
                 raw = Spool(np.uint8, (kind.length,))
                 for rows in spans(offsets, _AT_ONCE):
-                    raw.append(sliding_window_view(data, kind.length)[offsets[rows]])
-                yield kind, offsets, raw.array().view(kind.dtype).reshape(-1)
+                    raw.append(messages[offsets[rows]])
+                yield _Records(kind, offsets, raw.array().view(kind.dtype).reshape(-1))
 
-    def _messages(
-        self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]
-    ) -> Messages:
+    def _messages(self, records: _Records) -> Messages:
         """Numbers as they are meant; text is left out."""
+        kind = records.kind
         factors = self._factors(kind)
         numbers: dict[str, NDArray[Any]] = {}
-        for name in content.dtype.names or ():
-            if _letter(content, name) not in _TEXT:
-                numbers[name] = _scaled(content[name], kind.divisors.get(name), factors.get(name))
-        return Messages(kind.name, believable(self._times(kind, offsets, content)), numbers)
+        for name in records.content.dtype.names or ():
+            if records.letter(name) not in _TEXT:
+                divisor = kind.divisors.get(name, 1.0)
+                factor = factors.get(name, 1.0)
+                numbers[name] = _scaled(records.content[name], divisor, factor)
+        return Messages(kind.name, believable(self._times(records)), numbers)
 
     def _factors(self, kind: MessageFormat) -> dict[str, float]:
         """By field: what FMTU, UNIT and MULT declare that a value is to be multiplied by.
 
         A format with a divisor of its own needs no multiplier. Times are read as microseconds, whatever is declared.
         """
-        declared = [
-            d for d in self._declared_units if d[0] == kind.number and len(d[1]) == len(kind.fields)
-        ]
-        if not declared:
-            return {}
         out = {}
-        _, units, multipliers = declared[-1]
-        for field, unit, sign in zip(
-            kind.fields, units, multipliers.ljust(len(units), "-"), strict=False
-        ):
+        units, signs = self._declared_units.get((kind.number, len(kind.fields)), ("", ""))
+        every_sign = signs.ljust(len(units), "-")
+        for field, unit, sign in zip(kind.fields, units, every_sign, strict=False):
+            factor = _FACTORS.get(self._units.get(unit, ""), 1.0)
             multiplier = self._multipliers.get(sign, 0.0)
-            own = field in kind.divisors or not multiplier > 0.0
-            factor = _FACTORS.get(self._units.get(unit, ""), 1.0) * (1.0 if own else multiplier)
+            if multiplier > 0.0 and field not in kind.divisors:
+                factor *= multiplier
             if factor != 1.0 and field not in _TIMES:
                 out[field] = factor
         return out
 
     @functools.cached_property
-    def _declared_units(self) -> list[tuple[int, str, str]]:
-        """FMTU: type of a message, units and multipliers of its fields, a character each."""
-        out = []
-        for kind, _, content in self._records("FMTU"):
-            if {"FmtType", "UnitIds", "MultIds"} <= set(kind.fields):
-                rows = zip(
-                    content["FmtType"].tolist(), content["UnitIds"], content["MultIds"], strict=True
-                )
-                out += [
-                    (number, _text(units), _text(multipliers))
-                    for number, units, multipliers in rows
-                ]
+    def _declared_units(self) -> dict[tuple[int, int], tuple[str, str]]:
+        """FMTU by type and number of fields: their units and multipliers, a character each."""
+        out = {}
+        for records in self._records("FMTU"):
+            if records.has("FmtType", "UnitIds", "MultIds"):
+                types = records.content["FmtType"].tolist()
+                units = records.texts("UnitIds")
+                signs = records.texts("MultIds")
+                for number, unit, sign in zip(types, units, signs, strict=True):
+                    out[number, len(unit)] = (unit, sign)
         return out
 
     @functools.cached_property
@@ -292,23 +310,23 @@ class Dataflash:
 
     def _by_character(self, name: str, value: str) -> Iterator[tuple[str, Any]]:
         """``Id`` as a character, and a value."""
-        for kind, _, content in self._records(name):
-            if {"Id", value} <= set(kind.fields):
-                yield from ((chr(int(row["Id"])), row[value]) for row in content)
+        for records in self._records(name):
+            if records.has("Id", value):
+                for row in records.content:
+                    yield chr(int(row["Id"])), row[value]
 
-    def _times(
-        self, kind: MessageFormat, offsets: NDArray[np.int64], content: NDArray[Any]
-    ) -> Array:
+    def _times(self, records: _Records) -> Array:
         """Boot times [s] (n,); a message without a stamp is as old as the message before it."""
-        if kind.stamp:
-            return _stamps(kind, content)
+        if records.kind.stamp:
+            return records.stamps()
         place, t_s = self._clock
         if len(place):
-            return np.concatenate([[np.nan], t_s])[np.searchsorted(place, offsets)]
+            before = np.searchsorted(place, records.offsets)
+            return np.concatenate([[np.nan], t_s])[before]
         place, t_s = self._gps_clock
         if len(place):
-            return np.interp(offsets, place, t_s)
-        return np.full(len(offsets), np.nan)
+            return np.interp(records.offsets, place, t_s)
+        return np.full(len(records.offsets), np.nan)
 
     @property
     def clock(self) -> str:
@@ -322,14 +340,15 @@ class Dataflash:
     @functools.cached_property
     def _clock(self) -> tuple[NDArray[np.int64], Array]:
         """Offsets (m,) of the messages with a stamp, in file order, and their times (m,) [s]."""
-        stamped = [
-            (offsets, _stamps(kind, c))
-            for kind, offsets, c in self._records(*_STAMPED)
-            if kind.stamp
-        ]
-        place = np.concatenate([np.empty(0, np.int64), *(offsets for offsets, _ in stamped)])
+        places = [np.empty(0, np.int64)]
+        times = [np.empty(0)]
+        for records in self._records(*_STAMPED):
+            if records.kind.stamp:
+                places.append(records.offsets)
+                times.append(records.stamps())
+        place = np.concatenate(places)
         order = np.argsort(place)
-        return place[order], np.concatenate([np.empty(0), *(t_s for _, t_s in stamped)])[order]
+        return place[order], np.concatenate(times)[order]
 
     @functools.cached_property
     def _gps_clock(self) -> tuple[NDArray[np.int64], Array]:
@@ -337,12 +356,13 @@ class Dataflash:
 
         T is the time since boot. TimeMS and Time are the time of the week.
         """
-        for kind, offsets, content in self._records(*_GPS):
-            field = next((field for field in ("T", "TimeMS", "Time") if field in kind.fields), None)
+        for records in self._records(*_GPS):
+            offsets = records.offsets
+            field = next((name for name in _GPS_TIMES if records.has(name)), None)
             if field is None:
                 t_s = np.zeros(len(offsets))
             else:
-                t_s = np.asarray(content[field], float) / 1e3
+                t_s = np.asarray(records.content[field], float) / 1e3
             newest = np.maximum.accumulate(np.concatenate([[0.0], believable(t_s)]))
             grown = np.flatnonzero(t_s > newest[:-1])
             if len(grown) > 1:
@@ -360,18 +380,14 @@ class Dataflash:
         following = np.pad(t_s[1:], (0, _DECIDING), constant_values=-1.0)
         highest_next = sliding_window_view(following, _DECIDING)[: len(t_s) - 1].max(axis=1)
         cuts = place[1:][t_s[:-1] - highest_next > _BACK_S].tolist()
-        return [
-            self._part(first, end) for first, end in itertools.pairwise([0, *cuts, len(self.data)])
-        ]
+        ends = itertools.pairwise([0, *cuts, len(self.data)])
+        return [self._part(first, end) for first, end in ends]
 
     def _part(self, first: int, end: int) -> Dataflash:
         """The messages of first <= offset < ``end``, with what was declared and set before."""
         own = {}
         for kind, offsets in self.places.items():
-            if kind.name in _LASTING:
-                since = 0
-            else:
-                since = first
+            since = 0 if kind.name in _LASTING else first
             own[kind] = offsets[(offsets >= since) & (offsets < end)]
         return replace(self, places=own)
 
@@ -388,19 +404,15 @@ def read_boots(path: Path) -> list[Dataflash]:
     check_head(path, data[:HEAD_BYTES], _HEAD, "ArduPilot dataflash log")
     walk = _Walk(data)
     notes += walk.notes()
-    found = []
+    parts: list[Dataflash] = []
     for boot in walk.boots:
         if boot:
-            found.append({kind: np.frombuffer(places, np.int64) for kind, places in boot.items()})
-    logs = [
-        Dataflash(path=path, boot=0, size=len(raw), data=data, places=p, notes=tuple(notes))
-        for p in found
-    ]
-    starts = []
-    for log in logs:
-        for part in log.starts():
-            starts.append(part)
-    return [replace(part, boot=number) for number, part in enumerate(starts)]
+            places = {kind: np.frombuffer(offsets, np.int64) for kind, offsets in boot.items()}
+            log = Dataflash(
+                path=path, boot=0, size=len(raw), data=data, places=places, notes=tuple(notes)
+            )
+            parts += log.starts()
+    return [replace(part, boot=number) for number, part in enumerate(parts)]
 
 
 class _Walk:
@@ -462,11 +474,10 @@ class _Walk:
         before = self._kinds[new.number]
         if before is new or new.number == _FMT:
             return
-        possible = [
-            kind
-            for kind in (new, _summed(new), before)
-            if kind is not None and kind.length >= _SHORTEST
-        ]
+        possible = []
+        for kind in (new, _summed(new), before):
+            if kind is not None and kind.length >= _SHORTEST:
+                possible.append(kind)
         if possible:
             self._kinds[new.number] = possible[0]
         if len(possible) > 1:
@@ -492,11 +503,11 @@ class _Walk:
         while (at := data.find(_HEAD, at)) >= 0 and at + 2 < len(data):
             number = data[at + 2]
             kind = self._kinds[number]
-            if (
-                number in self._undeclared
-                if kind is None
-                else kind.fits(data, at) or number in self._doubted
-            ):
+            if kind is None:
+                found = number in self._undeclared
+            else:
+                found = number in self._doubted or kind.fits(data, at)
+            if found:
                 break
             at += 1
         else:
@@ -509,7 +520,9 @@ class _Walk:
         out = []
         unreadable: Counter[str] = Counter()
         for boot in self.boots:
-            unreadable.update({k.name: len(places) for k, places in boot.items() if not k.readable})
+            for kind, places in boot.items():
+                if not kind.readable:
+                    unreadable[kind.name] += len(places)
         for name, count in unreadable.items():
             out.append(f"{count} messages {name} not read: their FMT does not add up")
         # One alone is damage, and among the bytes that are skipped.
@@ -520,10 +533,8 @@ class _Walk:
                 f"{sum(undeclared.values())} messages not read: no FMT declares their type "
                 f"({types})"
             )
-        out += [
-            f"{name} is declared anew in the midst of the log{gone}"
-            for name, gone in self._anew.items()
-        ]
+        for name, gone in self._anew.items():
+            out.append(f"{name} is declared anew in the midst of the log{gone}")
         if self._skipped:
             out.append(f"{self._skipped} bytes that are no message skipped")
         if self._rest > 0:
@@ -531,34 +542,14 @@ class _Walk:
         return out
 
 
-def _stamps(kind: MessageFormat, content: NDArray[Any]) -> Array:
-    """Times [s] (n,) of a kind that has such."""
-    return np.asarray(content[kind.stamp], float) / (1e6 if kind.stamp == "TimeUS" else 1e3)
-
-
-def _scaled(values: NDArray[Any], divisor: float | None, factor: float | None) -> NDArray[Any]:
+def _scaled(values: NDArray[Any], divisor: float, factor: float) -> NDArray[Any]:
     """Values (n,) as they are meant."""
-    if divisor is None and factor is None:
+    if divisor == factor == 1.0:
         return spilled(values)
-    out = None
+    out = Spool(np.result_type(values.dtype, 1.0))
     for rows in blocks(len(values)):
-        part = values[rows]
-        if divisor is not None:
-            part = part / divisor
-        if factor is not None:
-            part = part * factor
-        if out is None:
-            out = Spool(part.dtype)
-        out.append(part)
-    assert out is not None, "there is a message"
+        out.append(values[rows] / divisor * factor)
     return out.array()
-
-
-def _letter(content: NDArray[Any], field: str) -> str:
-    """numpy's letter for what a field holds; "" where there is none of that name, as in a damaged declaration."""
-    if field in (content.dtype.names or ()):
-        return content.dtype[field].kind
-    return ""
 
 
 def _text(raw: bytes) -> str:
