@@ -18,7 +18,7 @@ from companion.sim.flight import SimulatedFlight
 from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import ScriptedPilot
 from models.common.errors import LinkError
-from models.common.frames import Array
+from models.common.frames import Array, Mask
 
 SETTLE_S = (2.0, 5.5)
 """Script time over which each flight's own position error is taken out: the EKF's offset is nobody's merit."""
@@ -87,7 +87,7 @@ class Flown:
             return 1
         return round(float(self.time_s[-1]) / self.approach_s)
 
-    def during(self, approach: int | None = None, phase: str | None = None) -> NDArray[np.bool_]:
+    def during(self, approach: int | None = None, phase: str | None = None) -> Mask:
         """(n,): whether an instant belongs to an approach, counted from 1, and to one of ``PHASES``; None: to any."""
         out = np.ones(len(self.time_s), bool)
         if approach is not None and math.isfinite(self.approach_s):
@@ -105,7 +105,7 @@ class Flown:
             return np.asarray(1e3 * np.hypot(self.lateral[:, 0], self.lateral[:, 1]))
         return np.asarray(np.degrees(np.hypot(self.tilt[:, 0], self.tilt[:, 1])))
 
-    def rms(self, axis: str, rows: NDArray[np.bool_] | None = None) -> float:
+    def rms(self, axis: str, rows: Mask | None = None) -> float:
         """Root mean square of ``axis`` over all or some instants; NaN over none."""
         if rows is None:
             size = self.size(axis)

@@ -11,7 +11,6 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from models.cfd.case_run import Row
@@ -21,7 +20,7 @@ from models.cfd.labels import ODD, TILT, Label, added, full_kind, labels
 from models.cfd.position import FREE, Place
 from models.cfd.table import six
 from models.common.errors import ModelError
-from models.common.frames import Array
+from models.common.frames import Array, Mask
 from models.dataset import COLUMNS
 
 
@@ -66,7 +65,7 @@ def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     return Assembled(np.array(table), tuple(marks), maker.law, maker.correction)
 
 
-def _weighted(one: Label, other: Label, used: NDArray[np.bool_]) -> Label:
+def _weighted(one: Label, other: Label, used: Mask) -> Label:
     """Two labels of one place, by their sigma; components not ``used`` (6,) are the other's."""
     mine = one.sigma**2
     others = other.sigma**2

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 Row = tuple[float, float, float]
 Rows = tuple[Row, Row, Row]
 """A rotation matrix in plain floats, row by row."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.common.errors import ModelError
-from models.common.frames import AXES, Array
+from models.common.frames import AXES, Array, Mask
 from models.dataset import DataSet, place_means
 
 HORIZONTAL = np.array([True, True, False, True, True, False])
@@ -107,7 +107,7 @@ def level(data: DataSet) -> DataSet:
     return replace(data, wrench=data.wrench - lift * offset, notes=(*data.notes, note))
 
 
-def _standing(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
+def _standing(data: DataSet, ratio: Array) -> tuple[Mask, Array]:
     """Which horizontal components (6,) the fan has of itself, and the offset (6,) of those it has not."""
     mean = np.zeros(6)
     error = np.zeros(6)
@@ -130,7 +130,7 @@ def mean_over_places(ratio: Array, place: Array | NDArray[np.intp]) -> tuple[Arr
     return means.mean(axis=0), error
 
 
-def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
+def free_rows(data: DataSet) -> tuple[Mask, str]:
     """Mask (n,) of the rows that stand for free air, and their name."""
     free = data.free_air
     if free.any():
@@ -145,7 +145,7 @@ def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
     return far, "outermost rows"
 
 
-def is_axisymmetric(law: FreeAir, live: NDArray[np.bool_]) -> bool:
+def is_axisymmetric(law: FreeAir, live: Mask) -> bool:
     """True where no live horizontal component is non-zero in free air: then only a wall can cause any.
 
     Physics has it so for one fan (the X-Z mirror plane becomes every vertical plane), whatever the data say over bare

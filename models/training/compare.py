@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from models.common.errors import ModelError
-from models.common.frames import AXES, Array
+from models.common.frames import AXES, Array, Mask
 from models.common.pages.document import document, verdict, write_document
 from models.common.pages.svg import Line, figure
 from models.dataset import DataSet, held_out
 from models.surrogate import free_air
 from models.surrogate.fan_surrogate import Regressor
 from models.training.nets import Progress, paper_nets, silent
-from models.training.problem import Mask, Problem, constant_notes, drawn, frame, in_frame
+from models.training.problem import Problem, constant_notes, drawn, frame, in_frame
 from models.training.scores import defined, r_squared
 from models.training.train import METHODS, PAPER_METHODS, trainer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.common.frames import Array
+from models.common.frames import Array, Mask
 from models.dataset import place_means
 from models.surrogate import polynomial
 
@@ -19,7 +19,7 @@ FOLDS = 5
 ROWS = 1500
 
 
-def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> NDArray[np.bool_]:
+def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> Mask:
     """Components (6,) of increments y (n, 6) that vary with the inputs x (n, 3) beyond noise.
 
     Noise at one place says nothing about the next: neither polynomials of degree 1 to 4 nor the mean of the four
@@ -38,7 +38,7 @@ def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> NDArra
         left.append(unexplained(x, y, gate, fold, degree))
     constant = ((y - y.mean(axis=0)) ** 2).sum(axis=0)
     varies = np.ptp(y, axis=0) > 1e-9
-    out: NDArray[np.bool_] = varies & (np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant)
+    out: Mask = varies & (np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant)
     return out
 
 

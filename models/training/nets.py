@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from models.common.frames import Array
+from models.common.frames import Array, Mask
 from models.surrogate.net_ensemble import NetEnsemble
 from models.training import genetic, levenberg, live_components
-from models.training.problem import Index, Mask, Problem, drawn, folds
+from models.training.problem import Index, Problem, drawn, folds
 
 # Nets of an ensemble, each without another fifth of the places: the paper's 8:2 split, five times.
 MEMBERS = live_components.FOLDS

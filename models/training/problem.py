@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.common.errors import ModelError
-from models.common.frames import AXES, Array
+from models.common.frames import AXES, Array, Mask
 from models.dataset import DataSet
 from models.surrogate import coordinates, free_air
 from models.surrogate.coordinates import Coordinates
@@ -16,7 +16,6 @@ from models.surrogate.free_air import FreeAir
 from models.training import live_components
 
 Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 # Two places for each fold.
 MIN_PLACES = 2 * live_components.FOLDS
 # Calibration leaves out whole blocks of a grid of this many by this many over the distances.

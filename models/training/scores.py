@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from models.common.frames import AXES, Array
+from models.common.frames import AXES, Array, Mask
 from models.dataset import DataSet
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.training.problem import increments
 
 
-def measure(model: FanSurrogate, data: DataSet, live: NDArray[np.bool_]) -> dict[str, Any]:
+def measure(model: FanSurrogate, data: DataSet, live: Mask) -> dict[str, Any]:
     """R^2 and MSE per component, of the wrench (N, N m) and of its increments (1, m), and share within 1.96 sigma."""
     answer = model.query(data.h, data.d, data.rpm)
     law = model.free_air_law
@@ -29,9 +28,7 @@ def measure(model: FanSurrogate, data: DataSet, live: NDArray[np.bool_]) -> dict
     }
 
 
-def scores(
-    truth: Array, answer: Array, live: NDArray[np.bool_]
-) -> dict[str, dict[str, float | None]]:
+def scores(truth: Array, answer: Array, live: Mask) -> dict[str, dict[str, float | None]]:
     """``{"Fx": {"r2", "mse"}, ...}`` of (n, 6) against (n, 6); r2 None where undefined or the component is not live."""
     r2 = np.where(live, r_squared(truth, answer), np.nan)
     mse = np.mean((truth - answer) ** 2, axis=0)

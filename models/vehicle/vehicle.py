@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from models.common.frames import Array
 from models.common.toml_table import Bounds, Options, above
 
 NO_ORIENTATION = 255  # no MAV_SENSOR_ORIENTATION
@@ -249,17 +250,17 @@ class Vehicle:
         return np.cumsum([0, *counts[:-1]], dtype=np.intp)
 
     @cached_property
-    def rotor_counts(self) -> NDArray[np.float64]:
+    def rotor_counts(self) -> Array:
         """Rotors of each fan, shape (fans,)."""
         return np.array([float(len(fan.rotors)) for fan in self.fans])
 
     @cached_property
-    def fan_positions_m(self) -> NDArray[np.float64]:
+    def fan_positions_m(self) -> Array:
         """Reference points from the CG, shape (fans, 3), body FRD."""
         return np.array([fan.position_m for fan in self.fans])
 
     @cached_property
-    def lip_radii_m(self) -> NDArray[np.float64]:
+    def lip_radii_m(self) -> Array:
         """Outer duct lips, shape (fans,)."""
         return np.array([fan.lip_radius_m for fan in self.fans])
 

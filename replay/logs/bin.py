@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from companion.mavlink.wire_frames import Content
-from models.common.frames import Array
+from models.common.frames import Array, Whole
 from replay.logs.columns import Messages, believable
 from replay.logs.files import HEAD_BYTES, check_head, is_text_dataflash, read_file
 from replay.logs.parameters import Row
@@ -172,7 +172,7 @@ class _Records:
     """Messages of one declaration in the order of the file: their offsets (n,) and contents (n,)."""
 
     kind: MessageFormat
-    offsets: NDArray[np.int64]
+    offsets: Whole
     content: NDArray[Any]
 
     def letter(self, field: str) -> str:
@@ -205,7 +205,7 @@ class Dataflash:
     """Bytes of the file."""
     data: Content
     """All of the log as a .BIN holds it."""
-    places: Mapping[MessageFormat, NDArray[np.int64]]
+    places: Mapping[MessageFormat, Whole]
     """Offsets of the messages of every declaration, in the order of the file."""
     notes: tuple[str, ...]
     """What was skipped, or read in another way than declared."""
@@ -338,7 +338,7 @@ class Dataflash:
         return "none"
 
     @functools.cached_property
-    def _clock(self) -> tuple[NDArray[np.int64], Array]:
+    def _clock(self) -> tuple[Whole, Array]:
         """Offsets (m,) of the messages with a stamp, in file order, and their times (m,) [s]."""
         places = [np.empty(0, np.int64)]
         times = [np.empty(0)]
@@ -351,7 +351,7 @@ class Dataflash:
         return place[order], np.concatenate(times)[order]
 
     @functools.cached_property
-    def _gps_clock(self) -> tuple[NDArray[np.int64], Array]:
+    def _gps_clock(self) -> tuple[Whole, Array]:
         """Offsets (m,) of GPS messages, and their times (m,) [s] since the first: the only clock of ArduCopter to 3.1.
 
         T is the time since boot. TimeMS and Time are the time of the week.

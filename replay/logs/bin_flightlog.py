@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.common.errors import LogError
-from models.common.frames import Array
 from models.vehicle.motor_outputs import PORT_OUTPUTS
 from replay.flightlog import (
     Beam,
@@ -32,10 +28,10 @@ from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
 from replay.logs.columns import (
     Messages,
     imu_record,
+    joined,
     quaternions,
     range_beam,
     runs,
-    tidy,
     time_span,
     unflipped,
 )
@@ -105,6 +101,7 @@ def flightlog(data: Dataflash) -> FlightLog:
     gps = _of(data.of("GPS"), "I")
     modes = data.of("MODE")
     mode_field = "ModeNum" if "ModeNum" in modes else "Mode"
+    messages = sum(map(len, data.places.values()))
     return FlightLog(
         path=data.path,
         system=1,
@@ -128,49 +125,34 @@ def flightlog(data: Dataflash) -> FlightLog:
         gps_fix=gps.series(gps.column("Status")),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
         armed=armed,
-        modes=runs(modes.t_s, _whole(modes, mode_field, 0), end),
+        modes=runs(modes.t_s, modes.whole(mode_field), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters=parameters,
         parameter_changes=changes,
         texts=tuple((t_s, _INFO, text) for t_s, text in texts),
         sources=(SourceChoice(quantity="clock", chosen=data.clock, why="the only one of the log"),),
-        summary=LogSummary(
-            data.size, sum(map(len, data.places.values())), (*data.notes, *change_notes(changes))
-        ),
+        summary=LogSummary(data.size, messages, (*data.notes, *change_notes(changes))),
     )
-
-
-def _whole(messages: Messages, field: str, missing: int) -> NDArray[np.int64]:
-    """A whole-number field (n,); ``missing`` where this version of the message has none."""
-    return np.nan_to_num(messages.column(field), nan=missing).astype(np.int64)
 
 
 def _of(messages: Messages, field: str, instance: int = 0) -> Messages:
     """Messages of one instance; old ones have no such field and are all of the first."""
-    return messages.where(_whole(messages, field, 0) == instance)
-
-
-def _instance_field(messages: Messages, *names: str) -> NDArray[np.int64]:
-    """The instance of each message (n,), by the first of these fields that its version has; 0 where it has none."""
-    name = next((name for name in names if name in messages), names[0])
-    return _whole(messages, name, 0)
+    return messages.where(messages.whole(field) == instance)
 
 
 def _lanes(data: Dataflash) -> dict[str, Lane]:
     """Every core of every filter, with its quaternion where that was logged."""
     out = {}
-    for kind, turns in zip(EKF, ("XKQ", "NKQ", ""), strict=True):
+    for kind, attitude_kind in zip(EKF, ("XKQ", "NKQ", ""), strict=True):
         states = data.of(kind)
-        attitudes = data.of(turns)
-        cores = _whole(states, "C", 0)
-        of_attitudes = _whole(attitudes, "C", 0)
-        for core in np.unique(cores).tolist():
-            own = states.where(cores == core)
-            turned = attitudes.where(of_attitudes == core)
+        attitudes = data.of(attitude_kind)
+        for core, own in states.by(states.whole("C")):
+            turned = _of(attitudes, "C", core)
+            q = unflipped(turned.columns("Q1", "Q2", "Q3", "Q4"))
             lane = Lane(
                 position=own.series(own.columns("PN", "PE", "PD")),
                 velocity=own.series(own.columns("VN", "VE", "VD")),
-                attitude=turned.series(unflipped(turned.columns("Q1", "Q2", "Q3", "Q4"))),
+                attitude=turned.series(q),
             )
             if lane.position is not None:
                 out[f"{kind} core {core}"] = lane
@@ -187,15 +169,17 @@ def _stated(
         primary = _primary(data, status)
         if primary is None or f"{kind} core 0" not in lanes:
             continue
-        core = int(np.bincount(primary.values[:, 0].astype(np.int64)).argmax())
-        used = f"{kind} core {core}"
-        if _switched(kind) in lanes:
-            used = _switched(kind)
-        out = {"position": Stated(used, f"{status}.PI")}
+        cores = primary.values[:, 0].astype(np.int64)
+        core = int(np.bincount(cores).argmax())
+        lane = _switched(kind)
+        if lane not in lanes:
+            lane = f"{kind} core {core}"
+        out = {"position": Stated(lane, f"{status}.PI")}
         mask = int(parameters.get(mask_name, 0))
         imus = [bit for bit in range(len(IMUS)) if mask >> bit & 1]
         if core < len(imus):
-            out["imu"] = Stated(_imu_name(data, imus[core]), f"{status}.PI, {mask_name}")
+            imu = _imu_name(data, imus[core])
+            out["imu"] = Stated(imu, f"{status}.PI, {mask_name}")
         return out
     return {}
 
@@ -215,35 +199,34 @@ def _with_switches(lanes: dict[str, Lane], kind: str, primary: Series | None) ->
     """The lanes, and where the primary core changed a lane that follows it."""
     if primary is None or float(np.ptp(primary.values)) == 0.0:
         return lanes
-    cores = np.unique(primary.values).astype(int).tolist()
-    own = {core: lanes.get(f"{kind} core {core}") for core in cores}
-    known = {core: lane for core, lane in own.items() if lane is not None}
-    if len(known) < len(cores):
-        return lanes
-    attitude = _followed({core: one.attitude for core, one in known.items()}, primary)
+    used = {}
+    for core in np.unique(primary.values).astype(int).tolist():
+        lane = lanes.get(f"{kind} core {core}")
+        if lane is None:
+            return lanes
+        used[core] = lane
+    attitude = _followed(used, "attitude", primary)
     if attitude is not None:
         attitude = replace(attitude, values=unflipped(attitude.values))
-    lane = Lane(
-        position=_followed({core: one.position for core, one in known.items()}, primary),
-        velocity=_followed({core: one.velocity for core, one in known.items()}, primary),
+    switched = Lane(
+        position=_followed(used, "position", primary),
+        velocity=_followed(used, "velocity", primary),
         attitude=attitude,
     )
-    return {_switched(kind): lane} | lanes
+    return {_switched(kind): switched} | lanes
 
 
-def _followed(found: Mapping[int, Series | None], primary: Series) -> Series | None:
+def _followed(lanes: Mapping[int, Lane], quantity: str, primary: Series) -> Series | None:
     """Samples of each core while it was primary, in order of time."""
     parts = []
-    for core, series in found.items():
+    for core, lane in lanes.items():
+        series = getattr(lane, quantity)
         if series is None:
             return None
-        used = primary.at(series.t_s, hold=True)[:, 0]
-        first = series.t_s < primary.t_s[0]
-        used = np.where(first, primary.values[0, 0], used)
-        parts.append(series.rows(used == core))
-    t_s = np.concatenate([part.t_s for part in parts])
-    values = np.concatenate([part.values for part in parts])
-    return tidy(t_s, values, parts[0].source)
+        since_first = np.maximum(series.t_s, primary.t_s[0])
+        cores = primary.at(since_first, hold=True)[:, 0]
+        parts.append(series.rows(cores == core))
+    return joined(parts)
 
 
 def _imu_name(data: Dataflash, instance: int) -> str:
@@ -265,14 +248,13 @@ def _imus(data: Dataflash) -> tuple[ImuRecord, ...]:
     out = []
     for number, kind in enumerate(IMUS):
         messages = data.of(kind)
-        for instance in np.unique(_whole(messages, "I", 0)).tolist():
-            own = _of(messages, "I", instance)
+        for instance, own in messages.by(messages.whole("I")):
             source = f"{kind}:{instance}" if instance else kind
             record = imu_record(
-                source,
-                own.series(own.columns("AccX", "AccY", "AccZ"), source),
-                own.series(own.columns("GyrX", "GyrY", "GyrZ"), source),
-                _clip_count(data.of("VIBE"), number or instance),
+                source=source,
+                force=own.series(own.columns("AccX", "AccY", "AccZ"), source),
+                gyro=own.series(own.columns("GyrX", "GyrY", "GyrZ"), source),
+                counted=_clip_count(data.of("VIBE"), number or instance),
                 instance=number or instance,
                 healthy=_healthy(own),
             )
@@ -304,53 +286,44 @@ def _clip_count(vibration: Messages, imu: int) -> int:
 
 def _servos(data: Dataflash) -> dict[int, Series]:
     """Outputs in ports of 16: RCOU, and RCO2 and RCO3 of later outputs, or MOT of ArduCopter to 3.0."""
-    first = data.of("RCOU")
-    series = first.series(_channels(first))
-    if series is None:
-        motors = data.of("MOT")
-        series = motors.series(_channels(motors))
+    series = _channels(data.of("RCOU")) or _channels(data.of("MOT"))
     if series is None:
         return {}
     values = series.values
     for kind in ("RCO2", "RCO3"):
-        topic = data.of(kind)
-        outputs = topic.series(_channels(topic))
+        outputs = _channels(data.of(kind))
         if outputs is not None:
             values = values + np.nan_to_num(outputs.at(series.t_s, hold=True))
     ports = {}
-    for port in range(_PORTS):
-        own = values[:, port * PORT_OUTPUTS : (port + 1) * PORT_OUTPUTS]
+    for port, own in enumerate(np.split(values, _PORTS, axis=1)):
         if not port or own.any():
             ports[port] = Series(series.t_s, own, series.source)
     return ports
 
 
-def _channels(outputs: Messages) -> Array:
+def _channels(outputs: Messages) -> Series | None:
     """Pulses (n, 32) by whatever its version calls a channel; 0 where the message has no such output.
 
     One that a later declaration leaves out is unknown from there on.
     """
     values = np.zeros((len(outputs), _PORTS * PORT_OUTPUTS))
-    for channel in range(values.shape[1]):
-        names = [f"{prefix}{channel + 1}" for prefix in _OUTPUT_NAMES]
-        known = [outputs.column(name) for name in names if name in outputs]
+    for channel, pulses in enumerate(values.T, 1):
+        names = [f"{prefix}{channel}" for prefix in _OUTPUT_NAMES]
+        known = [name for name in names if name in outputs]
         if known:
-            values[:, channel] = functools.reduce(_else, known)
-    return values
-
-
-def _else(first: Array, second: Array) -> Array:
-    """Values (n,), from ``second`` where there is none."""
-    return np.where(np.isnan(first), second, first)
+            pulses[:] = np.nan
+        for name in known:
+            unknown = np.isnan(pulses)
+            pulses[unknown] = outputs.column(name)[unknown]
+    return outputs.series(values)
 
 
 def _batteries(data: Dataflash) -> dict[str, Series]:
     """BAT by instance (``Inst`` from 4.1 on, ``Instance`` before), or CURR of old logs."""
     messages = data.of("BAT")
-    instances = _instance_field(messages, "Inst", "Instance")
+    field = "Inst" if "Inst" in messages else "Instance"
     out = {}
-    for instance in np.unique(instances).tolist():
-        own = messages.where(instances == instance)
+    for instance, own in messages.by(messages.whole(field)):
         series = own.series(own.columns("Volt", "Curr"))
         if series is not None:
             out[f"BAT {instance}"] = series
@@ -358,8 +331,10 @@ def _batteries(data: Dataflash) -> dict[str, Series]:
         return out
     # Old CURR has centivolts and centiamperes as whole numbers, later ones V and A.
     old = data.of("CURR")
-    whole = "Volt" in old and old["Volt"].dtype.kind in "iu"
-    series = old.series(old.columns("Volt", "Curr") * (_CENTI if whole else 1.0))
+    values = old.columns("Volt", "Curr")
+    if "Volt" in old and old["Volt"].dtype.kind in "iu":
+        values *= _CENTI
+    series = old.series(values)
     if series is None:
         return {}
     return {"CURR": series}
@@ -370,50 +345,42 @@ def _pressures(data: Dataflash) -> dict[str, Series]:
     out = {}
     for kind in ("BARO", "BAR2", "BAR3"):
         messages = data.of(kind)
-        instances = _whole(messages, "I", 0)
-        for instance in np.unique(instances).tolist():
-            own = messages.where(instances == instance)
+        for instance, own in messages.by(messages.whole("I")):
             series = own.series(own.columns("Press", "Temp"))
+            name = f"{kind} {instance}" if "I" in messages else kind
             if series is not None:
-                out[f"{kind} {instance}" if "I" in messages else kind] = series
+                out[name] = series
     return out
 
 
 def _thrust(tuning: Messages) -> Series | None:
-    if "ThrOut" in tuning:
-        old = tuning.column("ThrOut")
-        # Thousandths as whole numbers, in ArduCopter 3.3 as fractions.
-        thousandths = bool(np.nanmax(old, initial=0.0) > 1.0)
-        return tuning.series(old * _MILLI if thousandths else old)
-    return tuning.series(tuning.column("ThO"))
+    if "ThrOut" not in tuning:
+        return tuning.series(tuning.column("ThO"))
+    old = tuning.column("ThrOut")
+    # Thousandths as whole numbers, in ArduCopter 3.3 as fractions.
+    if np.nanmax(old, initial=0.0) > 1.0:
+        old = old * _MILLI
+    return tuning.series(old)
 
 
 def _beams(ranges: Messages) -> tuple[Beam, ...]:
     """RFND: one message per sensor (Instance, Dist, Stat, Orient), or two sensors in one (Dist1, Orient1 ...)."""
-    good = np.full(len(ranges), _RANGE_GOOD)
-    first = np.zeros(len(ranges), np.int64)
-    columns = (
-        ("Dist", _whole(ranges, "Instance", 0), "Orient", _whole(ranges, "Stat", _RANGE_GOOD)),
-        ("Dist1", first, "Orient1", good),
-        ("Dist2", first + 1, "Orient2", good),
-    )
     out: dict[tuple[int, int], Beam] = {}
-    for field, sensor, facing, status in columns:
-        orientation = _whole(ranges, facing, _UNKNOWN)
-        known = np.isfinite(ranges.column(field))
-        for number, direction in set(zip(sensor.tolist(), orientation.tolist(), strict=True)):
-            own = (sensor == number) & (orientation == direction) & known
-            beam = _beam(number, direction, ranges.where(own), field, status[own])
-            if beam is not None:
-                out[number, direction] = beam
+    for suffix, first in (("", 0), ("1", 0), ("2", 1)):
+        field = f"Dist{suffix}"
+        known = ranges.where(np.isfinite(ranges.column(field)))
+        for number, own in known.by(known.whole("Instance") + first):
+            for orientation, one in own.by(own.whole(f"Orient{suffix}", _UNKNOWN)):
+                beam = _beam(number, orientation, one, field)
+                if beam is not None:
+                    out[number, orientation] = beam
     return tuple(out[key] for key in sorted(out))
 
 
-def _beam(
-    sensor: int, orientation: int, own: Messages, field: str, status: NDArray[Any]
-) -> Beam | None:
+def _beam(sensor: int, orientation: int, own: Messages, field: str) -> Beam | None:
     """One sensor; None where it has no reading or its direction is unknown."""
     direction = orientation_direction(orientation)
+    status = own.whole("Stat", _RANGE_GOOD)
     series = own.series(np.stack([own.column(field), status], axis=-1))
     if direction is None or series is None:
         return None
@@ -429,28 +396,32 @@ def _beam(
 def _escs(data: Dataflash) -> dict[int, EscRecord]:
     by_esc: dict[int, Messages] = {}
     together = data.of("ESC")
-    for instance in np.unique(_whole(together, "Instance", 0)).tolist():
-        by_esc[instance + 1] = _of(together, "Instance", instance)
-    by_esc |= {int(kind[3:]): data.of(kind) for kind in ESCS[1:] if len(data.of(kind))}
+    for instance, messages in together.by(together.whole("Instance")):
+        by_esc[instance + 1] = messages
+    for number, kind in enumerate(ESCS[1:], 1):
+        messages = data.of(kind)
+        if len(messages):
+            by_esc[number] = messages
     if not by_esc:
         sensors = data.of("RPM")
-        for i in (1, 2):
-            rpm = sensors.column(f"rpm{i}")
+        for number in (1, 2):
+            rpm = sensors.column(f"rpm{number}")
             known = rpm >= 0.0
-            by_esc[i] = Messages("RPM", sensors.t_s[known], {"RPM": rpm[known]})
+            by_esc[number] = Messages("RPM", sensors.t_s[known], {"RPM": rpm[known]})
     out = {}
-    for esc, own in sorted(by_esc.items()):
-        if np.nan_to_num(own.column("RPM")).any():
-            speeds = own.series(own.column("RPM"), "ESC")
-            out[esc] = EscRecord(speeds, own.series(own.column("Temp"), "ESC"))
+    for number, own in sorted(by_esc.items()):
+        rpm = own.column("RPM")
+        if np.nan_to_num(rpm).any():
+            temperature = own.series(own.column("Temp"), "ESC")
+            out[number] = EscRecord(own.series(rpm, "ESC"), temperature)
     return out
 
 
 def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:
-    number = _whole(events, "Id", -1)
+    number = events.whole("Id", -1)
     known = np.isin(number, list(meaning))
-    meant = np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64)
-    return runs(events.t_s[known], meant, end)
+    meant = [meaning[n] for n in number[known].tolist()]
+    return runs(events.t_s[known], np.array(meant, np.int64), end)
 
 
 def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
@@ -458,20 +429,16 @@ def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
     first message the opposite of what it says was so. Without any message: while there was throttle."""
     arming = data.of("ARM")
     if len(arming):
-        said = runs(arming.t_s, _whole(arming, "ArmState", 0), end)
+        said = runs(arming.t_s, arming.whole("ArmState"), end)
     else:
         said = _events(data.of("EV"), {_ARMED: 1, _DISARMED: 0}, end)
-    if not said:
-        thrust = _thrust(data.of("CTUN"))
-        if thrust is None:
-            up = np.empty(0)
-        else:
-            up = thrust.t_s[thrust.values[:, 0] > 0.0]
-        if len(up):
-            return (Interval(float(up[0]), float(up[-1]), 1),)
+    if said:
+        first = said[0]
+        if not first.value and first.start_s > start:
+            said = (Interval(start, first.start_s, 1), *said)
+        return tuple(interval for interval in said if interval.value)
+    thrust = _thrust(data.of("CTUN"))
+    if thrust is None or not (thrust.values > 0.0).any():
         return ()
-    if not said[0].value and said[0].start_s > start:
-        before = [Interval(start, said[0].start_s, 1)]
-    else:
-        before = []
-    return (*before, *(i for i in said if i.value))
+    on = thrust.t_s[thrust.values[:, 0] > 0.0]
+    return (Interval(float(on[0]), float(on[-1]), 1),)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import range_verdict
 from models.common.errors import LogError
-from models.common.frames import GRAVITY, Array, quaternion_of_halves
+from models.common.frames import GRAVITY, Array, Whole, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, Series
 from replay.logs.tlog import outliers
 from replay.spill import Spool, blocks, picked, spilled
@@ -35,6 +35,14 @@ _UNIT = 0.1
 """A quaternion whose length is further from 1 is none."""
 _STEP_SAMPLES = 20_000
 """Samples that show a grid; more change nothing."""
+_FEWEST_LEVELS = 10
+"""Distinct values below which a grid cannot be told from chance."""
+_OFF_GRID = 0.1
+_ON_GRID = 0.98
+"""A step that is this far from a multiple of the smallest is off the grid; this share of the steps is on one."""
+_LEAST_STEP = 1e-5
+_LEAST_SCALE = 1e-3
+"""A grid is no finer than this share of the largest value, or of the scale where all are smaller: rounding is."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,10 @@ class Messages:
         """(n, k)."""
         return np.stack([self.column(f) for f in fields], axis=-1)
 
+    def whole(self, field: str, missing: int = 0) -> Whole:
+        """A whole-number field (n,); ``missing`` where this version of the message has none."""
+        return np.nan_to_num(self.column(field), nan=missing).astype(np.int64)
+
     def array(self, field: str, count: int) -> Array:
         """(n, count) of an array field, ``field[0]`` and on."""
         return self.columns(*[f"{field}[{i}]" for i in range(count)])
@@ -76,6 +88,11 @@ class Messages:
         chosen = {name: picked(values, mask) for name, values in self.data.items()}
         return Messages(self.name, picked(self.t_s, mask), chosen)
 
+    def by(self, numbers: NDArray[Any]) -> Iterator[tuple[int, Messages]]:
+        """Every number of (n,), and the messages that have it."""
+        for number in np.unique(numbers).tolist():
+            yield int(number), self.where(numbers == number)
+
     def series(self, values: Array, source: str = "") -> Series | None:
         """Values (n,) or (n, k) at the times of the messages."""
         return tidy(self.t_s, values, source or self.name)
@@ -83,15 +100,13 @@ class Messages:
 
 def time_span(path: Path, stamps: Sequence[Array], names: str) -> tuple[float, float]:
     """First and last believable time [s] of several columns. Raises LogError where there is none."""
-    if stamps:
-        known = believable(np.concatenate(stamps))
-    else:
-        known = np.empty(0)
-    if not np.isfinite(known).any():
+    found = believable(np.concatenate([np.empty(0), *stamps]))
+    known = found[np.isfinite(found)]
+    if not known.size:
         raise LogError(
             f"{path}: holds no {names} with a believable time: nothing to replay or diagnose"
         )
-    return float(np.nanmin(known)), float(np.nanmax(known))
+    return float(known.min()), float(known.max())
 
 
 def imu_record(
@@ -147,7 +162,8 @@ def range_beam(
         step_m = smallest_step(distance)
     verdicts = []
     for value, share in zip(distance.tolist(), quality.tolist(), strict=True):
-        verdicts.append(range_verdict(value, low, high, int(share), True))
+        verdict = range_verdict(value, low, high, int(share), True)
+        verdicts.append(verdict)
     component, sensor_id, orientation = sensor
     return Beam(
         direction_frd=direction,
@@ -168,21 +184,21 @@ def quaternions(euler: Array) -> Array:
     """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1; an angle that is no number makes NaN."""
     out = Spool(np.float64, (4,))
     for rows in blocks(len(euler)):
-        halves = np.where(np.isfinite(euler[rows]), euler[rows], np.nan) / 2.0
-        out.append(np.stack(quaternion_of_halves(np.cos(halves).T, np.sin(halves).T), axis=-1))
+        angles = euler[rows]
+        halves = np.where(np.isfinite(angles), angles, np.nan).T / 2.0
+        components = quaternion_of_halves(np.cos(halves), np.sin(halves))
+        out.append(np.stack(components, axis=-1))
     return out.array()
 
 
 def clipped_at_extreme(values: Array) -> int:
     """Samples of (n, 3) that stand exactly at an axis' extreme, where that is above 3 g and hit three times or more."""
     total = 0
-    for k in range(values.shape[1]):
-        axis = np.abs(values[:, k])
-        known = axis[np.isfinite(axis)]
-        if known.size and known.max() >= _CLIP_AT_M_S2:
-            hits = int((known == known.max()).sum())
-            if hits >= _CLIP_HITS:
-                total += hits
+    for axis in np.abs(values).T:
+        extreme = np.max(axis, where=np.isfinite(axis), initial=0.0)
+        hits = int(np.sum(axis == extreme))
+        if extreme >= _CLIP_AT_M_S2 and hits >= _CLIP_HITS:
+            total += hits
     return total
 
 
@@ -202,9 +218,13 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
     return None
 
 
-def first_of(found: Iterable[Series | None]) -> Series | None:
-    """The first that holds a sample."""
-    return next((series for series in found if series is not None), None)
+def joined(parts: Sequence[Series]) -> Series | None:
+    """Samples of several records in order of time; None without a record."""
+    if not parts:
+        return None
+    t_s = np.concatenate([part.t_s for part in parts])
+    values = np.concatenate([part.values for part in parts])
+    return tidy(t_s, values, parts[0].source)
 
 
 def believable(t_s: Array) -> Array:
@@ -235,13 +255,14 @@ def smallest_step(values: Array) -> float:
         if len(known) >= _STEP_SAMPLES:
             break
     distinct = np.unique(known[:_STEP_SAMPLES])
-    if distinct.size < 10:
-        return 0.0  # too few to tell a grid from chance
+    if distinct.size < _FEWEST_LEVELS:
+        return 0.0
     steps = np.diff(distinct)
     step = float(steps.min())
-    on_grid = np.abs(steps / step - np.rint(steps / step)) < 0.1
-    scale = float(np.abs(distinct).max())
-    if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98:
+    multiples = steps / step
+    on_grid = np.abs(multiples - np.rint(multiples)) < _OFF_GRID
+    largest = max(float(np.abs(distinct).max()), _LEAST_SCALE)
+    if step > _LEAST_STEP * largest and on_grid.mean() > _ON_GRID:
         return step
     return 0.0
 
@@ -254,12 +275,11 @@ def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]
     values = values[known]
     if not len(t_s):
         return ()
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
-    ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
-    out = []
-    for start, end in zip(starts, ends, strict=True):
-        out.append(Interval(float(t_s[start]), float(end), int(values[start])))
-    return tuple(out)
+    begins = np.append(True, np.diff(values) != 0)
+    starts = t_s[begins].tolist()
+    ends = [*starts[1:], max(end_s, float(t_s[-1]))]
+    held = values[begins].astype(int).tolist()
+    return tuple(map(Interval, starts, ends, held))
 
 
 def mounting(q: Array) -> tuple[float, float, float, float]:
@@ -284,7 +304,7 @@ def unflipped(q: Array) -> Array:
         chain = np.concatenate([last, own[known]])
         dots = np.einsum("ij,ij->i", chain[1:], chain[:-1])
         flips = np.where(dots < 0.0, -1.0, 1.0)
-        signs = sign * np.concatenate([[1.0], np.cumprod(flips)])
+        signs = np.cumprod(np.append(sign, flips))
         if known.any():
             own[known] *= signs[len(last) :, None]
             last = chain[-1:]

@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from models.common.frames import Whole
 from replay.logs.tlog import places_of
 from replay.spill import Spool, spans, spilled
 
-Micros = NDArray[np.int64]
 _STEP_US = 500_000
 """Links seldom hold messages back for half a second."""
 _LASTING_US = 10_000_000
@@ -28,7 +27,7 @@ class ClockStep:
     by_us: int
 
 
-def clock_steps(arrival_us: Micros, place: Micros, stamp_us: Micros) -> list[ClockStep]:
+def clock_steps(arrival_us: Whole, place: Whole, stamp_us: Whole) -> list[ClockStep]:
     """Steps of the receiver's clock in file order.
 
     ``arrival_us``: stamps of the receiver, shape (n,). ``place``: indices (m,) of the autopilot's stamped frames.
@@ -59,7 +58,7 @@ def clock_steps(arrival_us: Micros, place: Micros, stamp_us: Micros) -> list[Clo
     return steps
 
 
-def without_steps(arrival_us: Micros, steps: list[ClockStep]) -> Micros:
+def without_steps(arrival_us: Whole, steps: list[ClockStep]) -> Whole:
     """Stamps (n,) of a clock that was never set."""
     if not steps:
         return arrival_us
@@ -69,14 +68,14 @@ def without_steps(arrival_us: Micros, steps: list[ClockStep]) -> Micros:
     return steady_us
 
 
-def _change(latency_us: Micros, newest_us: Micros, first: int, start: int, end: int) -> int:
+def _change(latency_us: Whole, newest_us: Whole, first: int, start: int, end: int) -> int:
     """The smallest latency of start <= i < ``end``, less that of the seconds before, none older than ``first``."""
     since = int(np.searchsorted(newest_us, newest_us[start - 1] - _LASTING_US))
     before_us = latency_us[max(since, first) : start].min()
     return int(latency_us[start:end].min() - before_us)
 
 
-def _end_of_window(newest_us: Micros, start: int) -> int:
+def _end_of_window(newest_us: Whole, start: int) -> int:
     """Where the seconds after ``start`` end."""
     until_us = newest_us[start] + _LASTING_US
     return int(np.searchsorted(newest_us, until_us, side="right"))

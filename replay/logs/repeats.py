@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from companion.mavlink import AUTOPILOT_COMPONENT
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_frames import cut
+from models.common.frames import Whole
 from replay.logs.tlog import Tlog
 from replay.spill import BLOCK, Spool, blocks, spans
 
@@ -69,7 +69,7 @@ def _frames_behind(log: Tlog) -> int | None:
     return None
 
 
-def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np.int64]:
+def _repeats(log: Tlog, message_id: int, index: Whole) -> Whole:
     """Frames between the messages at ``index`` and their repeats, of those that a second link explains."""
     stamps = Spool(np.uint32)
     for rows in spans(index):
@@ -91,9 +91,7 @@ def _repeats(log: Tlog, message_id: int, index: NDArray[np.int64]) -> NDArray[np
     return np.concatenate(found)
 
 
-def _same(
-    log: Tlog, message_id: int, index: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _same(log: Tlog, message_id: int, index: Whole) -> tuple[Whole, Whole]:
     """Which of the messages (n,) are alike: numbers of the one and of the next of its content, each (m,)."""
     records = log.records(message_id, index)
     content = records.view(np.uint8).reshape(len(records), -1)

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from models.common.frames import Array
+from models.common.frames import Array, Mask
 from replay.flightlog import EscRecord, FlightLog, Series
 
 UNKNOWN_RPM = (65535.0, -1.0)
@@ -87,7 +86,7 @@ def believable(rpm: Series) -> Series | None:
     return None
 
 
-def _spikes(rpm: Series) -> NDArray[np.bool_]:
+def _spikes(rpm: Series) -> Mask:
     """Speeds (n,) above ``SPIKE`` times the median of themselves and two neighbours each side, all turning."""
     speed = rpm.values[:, 0]
     if len(speed) < FEWEST_SAMPLES:
@@ -97,7 +96,7 @@ def _spikes(rpm: Series) -> NDArray[np.bool_]:
     return np.asarray((median > 0.0) & (speed > SPIKE * median))
 
 
-def _lost_frames(rpm: Series) -> NDArray[np.bool_]:
+def _lost_frames(rpm: Series) -> Mask:
     """Zeros (n,) between two speeds that are no further apart than ``LOST_S``, where they come often."""
     speed = rpm.values[:, 0]
     turning = np.flatnonzero(speed > 0.0)

@@ -22,7 +22,8 @@ from companion.mavlink.boot_clock import Stamp
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.wire_layout import Layout
 from models.common.errors import LogError
-from replay.logs.receiver_clock import Micros, clock_steps, without_steps
+from models.common.frames import Array, Mask, Whole
+from replay.logs.receiver_clock import clock_steps, without_steps
 from replay.logs.tlog import Tlog, outliers, places_of
 from replay.spill import Spool, blocks, picked, spans, spilled
 
@@ -50,7 +51,7 @@ _PAUSE_MS = 3_600_000
 class Envelope:
     """The smallest difference of two clocks around each place in the file: latency taken out."""
 
-    def __init__(self, place: Micros, axis_us: Micros, difference_us: Micros) -> None:
+    def __init__(self, place: Whole, axis_us: Whole, difference_us: Whole) -> None:
         """Of messages in file order: their places, times that set the windows, and differences, each of shape (m,)."""
         origin = axis_us.min()
         parts = []
@@ -69,15 +70,15 @@ class Envelope:
         self._place = middle[in_file]
         self._smallest = (smallest - self._origin).astype(float)
 
-    def at(self, place: Micros) -> Micros:
+    def at(self, place: Whole) -> Whole:
         """The difference at these places, shape (n,)."""
         fine = np.interp(place, self._place, self._smallest)
         return np.asarray(self._origin + np.rint(fine).astype(np.int64))
 
 
 def _by_window(
-    window: Micros, smallest: Micros, places: Micros, count: Micros
-) -> tuple[Micros, Micros, Micros, Micros]:
+    window: Whole, smallest: Whole, places: Whole, count: Whole
+) -> tuple[Whole, Whole, Whole, Whole]:
     """Rows (m,) of the same window as one: its number, the smallest difference, the sum of places, the count."""
     order = np.argsort(window, kind="stable")
     numbers, first = np.unique(window[order], return_index=True)
@@ -119,7 +120,7 @@ def steady(log: Tlog, system: int) -> Tlog:
     return replace(log, arrival_us=arrival_us.array())
 
 
-def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
+def _main_stamps(log: Tlog, system: int) -> tuple[Whole, Whole]:
     """Boot stamps of the autopilot in file order, damaged ones out and the wraps of 32 bits undone: places (n,) of
     their frames, milliseconds (n,)."""
     places = Spool(np.int64)
@@ -158,7 +159,7 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
     return place, stamp
 
 
-def _stamps_in(log: Tlog, system: int) -> tuple[Micros, Micros]:
+def _stamps_in(log: Tlog, system: int) -> tuple[Whole, Whole]:
     """Places (n,) and boot stamps (n,) [ms] of the autopilot's stamped messages, in file order."""
     places = [np.empty(0, np.int64)]
     stamps = [np.empty(0, np.int64)]
@@ -178,7 +179,7 @@ def _stamps_in(log: Tlog, system: int) -> tuple[Micros, Micros]:
 class BootAxis:
     """Boot times of the messages of one vehicle in the frames of one boot."""
 
-    def __init__(self, log: Tlog, system: int, place: Micros, stamp_us: Micros) -> None:
+    def __init__(self, log: Tlog, system: int, place: Whole, stamp_us: Whole) -> None:
         """``place``: of the autopilot's stamped frames, shape (m,); ``stamp_us``: their boot times, shape (m,)."""
         self._log = log
         self._system = system
@@ -194,24 +195,24 @@ class BootAxis:
         self._offset = Envelope(place, stamp_us, late_us.array())
         self.stamps_repaired = 0
 
-    def _arrival(self, index: Micros) -> Micros:
+    def _arrival(self, index: Whole) -> Whole:
         """Arrivals (n,) by a clock that was never set."""
         before = np.searchsorted(self._step_places, index, side="right")
         return np.asarray(self._log.arrival_us[index] - self._moved_us[before])
 
-    def _ours(self, index: Micros) -> NDArray[np.bool_]:
+    def _ours(self, index: Whole) -> Mask:
         """Which frames (n,) are of the autopilot."""
         own = self._log.component[index] == AUTOPILOT_COMPONENT
         return np.asarray(own & (self._log.system[index] == self._system))
 
-    def _received(self, index: Micros) -> Micros:
+    def _received(self, index: Whole) -> Whole:
         """Boot times of frames (n,) as if they had arrived without delay."""
         out = np.empty(len(index), np.int64)
         for rows in blocks(len(index)):
             out[rows] = self._received_in(index[rows])
         return out
 
-    def _received_in(self, index: Micros) -> Micros:
+    def _received_in(self, index: Whole) -> Whole:
         by_arrival = self._arrival(index) - self._offset.at(index)
         # The stamped frames around these are all that places them.
         first = max(int(np.searchsorted(self._place, index.min())) - 1, 0)
@@ -227,12 +228,10 @@ class BootAxis:
         by_place = np.rint(np.interp(index, place, newest_us)).astype(np.int64)
         return np.maximum(np.where(believed, by_arrival, by_place), 0)
 
-    def times(
-        self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None
-    ) -> NDArray[np.float64]:
+    def times(self, layout: Layout, index: Whole, stamps: NDArray[np.uint64] | None) -> Array:
         """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
         out = Spool(np.float64)
-        astray: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
+        astray: list[Whole] = [np.empty(0, np.int64)]
         for rows in spans(index):
             received = self._received(index[rows])
             if layout.stamp is None or stamps is None:
@@ -251,9 +250,7 @@ class BootAxis:
         times[others] = self._of_others(layout, index[others], stamps[others]) / 1e6
         return times
 
-    def _of_others(
-        self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64]
-    ) -> Micros:
+    def _of_others(self, layout: Layout, index: Whole, stamps: NDArray[np.uint64]) -> Whole:
         """Boot times (n,) of messages whose stamps are not of the autopilot's clock, or damaged."""
         received = self._received(index)
         stamp = _unwrapped(layout, stamps, received)
@@ -268,7 +265,7 @@ class BootAxis:
                 out[rows] = self._moved(index[rows], stamp[rows])
         return out
 
-    def _moved(self, place: Micros, stamp_us: Micros) -> Micros:
+    def _moved(self, place: Whole, stamp_us: Whole) -> Whole:
         """Stamps (n,) of another clock on the boot axis; one that its arrival contradicts is placed by its arrival."""
         received = self._received(place)
         moved = stamp_us + Envelope(place, received, received - stamp_us).at(place)
@@ -276,7 +273,7 @@ class BootAxis:
         return np.maximum(np.where(agrees, moved, received), 0)
 
 
-def _unwrapped(layout: Layout, stamps: NDArray[np.uint64], received: Micros) -> Micros:
+def _unwrapped(layout: Layout, stamps: NDArray[np.uint64], received: Whole) -> Whole:
     """Stamps (n,) of the wire in microseconds, as near to ``received`` as the bits that they lack allow."""
     stamp = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
     if layout.stamp is Stamp.BOOT_MS:

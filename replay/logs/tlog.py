@@ -20,6 +20,7 @@ from companion.mavlink.file_frames import STAMP_BYTES, FileFrames, message_ids
 from companion.mavlink.wire_frames import V2, Content, Counts, frame_bytes
 from companion.mavlink.wire_layout import wire_format
 from models.common.errors import LogError
+from models.common.frames import Mask, Whole
 from replay.logs.files import read_file
 from replay.spill import BLOCK, Spool, blocks, release, spans, spilled
 
@@ -70,9 +71,9 @@ class Tlog:
 
     path: Path
     data: Content = field(repr=False)
-    start: NDArray[np.int64]
+    start: Whole
     """Offset of the frame's first byte (the magic)."""
-    arrival_us: NDArray[np.int64]
+    arrival_us: Whole
     message_id: NDArray[np.int32]
     system: NDArray[np.uint8]
     component: NDArray[np.uint8]
@@ -85,7 +86,7 @@ class Tlog:
         """The frames ``first`` <= i < ``end``, as views."""
         return self.taken(slice(first, end))
 
-    def taken(self, own: slice | NDArray[np.int64]) -> Tlog:
+    def taken(self, own: slice | Whole) -> Tlog:
         """Some of the frames, by their places."""
         arrays = (
             self.start[own],
@@ -103,7 +104,7 @@ class Tlog:
             for arrival, i in places:
                 yield arrival, self.data[i : i + frame_bytes(self.data, i)]
 
-    def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
+    def indices(self, message_id: int, system: int | None = None) -> Whole:
         """Places of the frames of one message, of one system if given."""
         found = [np.empty(0, np.int64)]
         for rows in blocks(len(self)):
@@ -113,7 +114,7 @@ class Tlog:
             found.append(rows.start + np.flatnonzero(match))
         return np.concatenate(found)
 
-    def records(self, message_id: int, indices: NDArray[np.int64]) -> NDArray[Any]:
+    def records(self, message_id: int, indices: Whole) -> NDArray[Any]:
         """Payloads of the frames at ``indices``, all of one message, zero-padded: array of its wire format."""
         dtype = wire_format(message_id).dtype
         raw = np.zeros((len(indices), dtype.itemsize), np.uint8)
@@ -122,9 +123,7 @@ class Tlog:
             self._fill(raw[part], bytes_, self.start[indices[part]])
         return raw.view(dtype).reshape(-1)
 
-    def _fill(
-        self, raw: NDArray[np.uint8], bytes_: NDArray[np.uint8], start: NDArray[np.int64]
-    ) -> None:
+    def _fill(self, raw: NDArray[np.uint8], bytes_: NDArray[np.uint8], start: Whole) -> None:
         """Payloads of the frames that begin at ``start`` (n,) into ``raw`` (n, bytes); what is shorter stays zero."""
         payload = start + np.where(bytes_[start] == V2, 10, 6)
         length = np.minimum(bytes_[start + 1], raw.shape[1])
@@ -192,9 +191,9 @@ def read_tlog(path: Path) -> Tlog:
     )
 
 
-def _together(pieces: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
+def _together(pieces: Iterable[Whole]) -> Iterator[Whole]:
     """The same in pieces of at least ``BLOCK``, but for the last; what was mapped is given back after each."""
-    waiting: list[NDArray[np.int64]] = []
+    waiting: list[Whole] = []
     count = 0
     for piece in pieces:
         waiting.append(piece)
@@ -208,14 +207,14 @@ def _together(pieces: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]
         yield np.concatenate(waiting)
 
 
-def _stamps(bytes_: NDArray[np.uint8], magic: NDArray[np.int64]) -> NDArray[np.int64]:
+def _stamps(bytes_: NDArray[np.uint8], magic: Whole) -> Whole:
     """The receiver's stamps [us] before the frames that begin at ``magic`` (n,)."""
     stamps = sliding_window_view(bytes_, STAMP_BYTES)[magic - STAMP_BYTES]
     found: NDArray[np.uint64] = stamps.view(">u8").reshape(-1)
     return np.minimum(found, _NO_STAMP).astype(np.int64)
 
 
-def repair_stamps(stamps_us: NDArray[np.int64]) -> tuple[NDArray[np.int64], int, int]:
+def repair_stamps(stamps_us: Whole) -> tuple[Whole, int, int]:
     """Receiver stamps (n,) with the impossible ones interpolated; how many; how often the clock was set back.
 
     A stamp is impossible where it differs by more than half a second from the median of itself and its two neighbours
@@ -236,9 +235,7 @@ def repair_stamps(stamps_us: NDArray[np.int64]) -> tuple[NDArray[np.int64], int,
     return stamps_us, len(bad), set_back
 
 
-def places_of(
-    values: NDArray[np.int64], wanted: Callable[[NDArray[np.int64]], NDArray[np.bool_]]
-) -> NDArray[np.int64]:
+def places_of(values: Whole, wanted: Callable[[Whole], Mask]) -> Whole:
     """Places of (n,) from which the step to the next is one that is ``wanted``."""
     found = [np.empty(0, np.int64)]
     for rows in blocks(len(values)):
@@ -247,14 +244,14 @@ def places_of(
     return np.concatenate(found)
 
 
-def _behind_a_pause(stamps_us: NDArray[np.int64], i: int) -> bool:
+def _behind_a_pause(stamps_us: Whole, i: int) -> bool:
     """Whether a stamp is the first or the last, and in order: a link that begins or ends with one frame and a pause."""
     n = len(stamps_us)
     ends = {0: stamps_us[1] - stamps_us[0], n - 1: stamps_us[-1] - stamps_us[-2]}
     return i in ends and 0 <= ends[i] <= _LONGEST_PAUSE_US
 
 
-def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:
+def outliers(values: Whole, tolerance: int) -> Whole:
     """Places of (n,) that differ by more than ``tolerance`` from the median of themselves and two neighbours each side.
 
     In a sequence that only grows none does, however large its steps, except the first and the last: beyond them there

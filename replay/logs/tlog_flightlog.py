@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink import AUTOPILOT_COMPONENT
+from companion.mavlink.dialect import mavlink
 from companion.mavlink.message_table import LAYOUTS, columns
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI, Layout
-from models.common.frames import Array
+from models.common.frames import Array, Mask, Whole
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import (
     Messages,
-    first_of,
     imu_record,
+    joined,
     mounting,
     quaternions,
     range_beam,
     runs,
-    tidy,
     unflipped,
 )
 from replay.logs.parameters import Row, change_notes, in_force, take_off
@@ -52,8 +53,8 @@ _STAMPED = (
 """Messages on the boot clock that show how long the vehicle was there."""
 _DOWN = (0.0, 0.0, 1.0)
 _DOWNWARD = 25
-_OF_ESC = ("rpm", "temperature")
-"""Quantities of an ``EscRecord``, in its order."""
+_IMU_NUMBERS = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}
+"""Instances from 0 of sensors with a message of their own."""
 _LONGEST_DELAY_US = 10_000_000
 """A link may be late by less, for good: then the clock was not set."""
 _SHOWN = 4
@@ -79,30 +80,26 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
 
 
 class _EscSeries:
-    """Collects what several messages say of each ESC, by its number and quantity."""
+    """Collects what several messages say of each ESC, by its number."""
 
     def __init__(self) -> None:
-        self._parts: dict[tuple[int, str], list[Series]] = {}
+        self.speeds: defaultdict[int, list[Series]] = defaultdict(list)
+        self._temperatures: defaultdict[int, list[Series]] = defaultdict(list)
 
-    def add(
-        self, esc: int, quantity: str, table: Messages, slot: int, rows: NDArray[np.bool_]
-    ) -> None:
-        """Take in one column of a table, at ``rows`` (n,)."""
-        if rows.any():
-            series = Series(table.t_s[rows], table[quantity][rows, slot], table.name)
-            self._parts.setdefault((esc, quantity), []).append(series)
-
-    def has_speed(self, esc: int | None = None) -> bool:
-        """Whether an ESC, or any, has a speed."""
-        if esc is None:
-            return any(quantity == "rpm" for _, quantity in self._parts)
-        return (esc, "rpm") in self._parts
+    def add(self, esc: int, quantity: str, messages: Messages, slot: int) -> None:
+        """Take in one column (n,) of messages: ``rpm`` or ``temperature``."""
+        found = self.speeds if quantity == "rpm" else self._temperatures
+        if len(messages):
+            values = messages[quantity][:, slot]
+            found[esc].append(Series(messages.t_s, values, messages.name))
 
     def records(self) -> dict[int, EscRecord]:
         """By number; one may report its temperature and no speed."""
         out = {}
-        for esc in sorted({esc for esc, _ in self._parts}):
-            out[esc] = EscRecord(*[_joined(self._parts.get((esc, name), [])) for name in _OF_ESC])
+        for esc in sorted({*self.speeds, *self._temperatures}):
+            speed = joined(self.speeds.get(esc, []))
+            temperature = joined(self._temperatures.get(esc, []))
+            out[esc] = EscRecord(speed, temperature)
         return out
 
 
@@ -118,20 +115,22 @@ class _Boot:
     def _table(self, name: str, *, foreign: bool = False) -> Messages:
         """Messages of the vehicle, or (``foreign``) of everyone."""
         layout = LAYOUTS[_IDS[name]]
-        index = self._log.indices(layout.id, None if foreign else self._choice.system)
+        system = None if foreign else self._choice.system
+        index = self._log.indices(layout.id, system)
         stamps = Spool(np.uint64)
-        data: dict[str, Spool] = {}
+        spools: dict[str, Spool] = {}
         for rows in spans(index):
             records = self._log.records(layout.id, index[rows])
             if layout.stamp is not None:
                 stamps.append(records[layout.stamp_field])
             for quantity, values in columns(layout, records).items():
-                if quantity not in data:
-                    data[quantity] = Spool(values.dtype, values.shape[1:])
-                data[quantity].append(values)
+                if quantity not in spools:
+                    spools[quantity] = Spool(values.dtype, values.shape[1:])
+                spools[quantity].append(values)
         times = self._axis.times(layout, index, stamps.array() if layout.stamp else None)
-        found = {quantity: spool.array() for quantity, spool in data.items()}
-        return Messages(name, times, {**found, "component": self._log.component[index]})
+        found = {quantity: spool.array() for quantity, spool in spools.items()}
+        found["component"] = self._log.component[index]
+        return Messages(name, times, found)
 
     def _autopilot(self, name: str) -> Messages:
         table = self._table(name)
@@ -149,21 +148,26 @@ class _Boot:
         landed = landed.where(landed["landed_state"] > 0)
         servos = self._servos()
         start, end = self._span()
-        if self._axis.stamps_repaired:
-            self._notes.append(
-                f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times"
-            )
-        armed = runs(beats.t_s, beats["base_mode"].astype(np.int64) >> 7 & 1, end)
+        repaired = self._axis.stamps_repaired
+        if repaired:
+            self._notes.append(f"{repaired} impossible boot stamps replaced by arrival times")
+        is_armed = beats["base_mode"] & mavlink.MAV_MODE_FLAG_SAFETY_ARMED > 0
+        armed = runs(beats.t_s, is_armed, end)
         own, changes = in_force(self._parameters(), take_off(armed))
         self._notes += change_notes(changes)
+        size = len(self._log.data)
+        vehicle_type = autopilot = None
+        if len(beats):
+            vehicle_type = int(beats["type"][-1])
+            autopilot = int(beats["autopilot"][-1])
         return FlightLog(
             path=self._log.path,
             system=self._choice.system,
             boot=boot,
             start_s=start,
             end_s=end,
-            vehicle_type=int(beats["type"][-1]) if len(beats) else None,
-            autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
+            vehicle_type=vehicle_type,
+            autopilot=autopilot,
             attitude=attitude,
             rates=rates,
             position=position,
@@ -181,7 +185,7 @@ class _Boot:
             wind=self._wind(),
             vibration=vibration.series(vibration["level"]),
             gps_fix=gps.series(gps["fix_type"].astype(float)),
-            armed=tuple(i for i in armed if i.value),
+            armed=tuple(interval for interval in armed if interval.value),
             modes=runs(beats.t_s, beats["custom_mode"], end),
             landed=runs(landed.t_s, landed["landed_state"], end),
             parameters=known | own,
@@ -189,28 +193,28 @@ class _Boot:
             parameters_expected=parameter_count(self._log, self._choice.system),
             texts=self._texts(),
             sources=(self._clock(),),
-            summary=LogSummary(len(self._log.data), len(self._log), tuple(self._notes)),
+            summary=LogSummary(size, len(self._log), tuple(self._notes)),
         )
 
     def _clock(self) -> SourceChoice:
         """Which clock gives the times."""
-        steps = self._axis.clock_steps
-        ahead = [step for step in steps if step.by_us > _LONGEST_DELAY_US]
-        if ahead:
-            self._notes.append(f"the receiver's clock was set ahead {len(ahead)} times")
-        why = "messages without a boot stamp are placed by their arrival"
-        if steps:
-            moved = ", ".join(f"{step.by_us / 1e6:+.3g} s" for step in steps[:_SHOWN])
-            why = (
-                f"the receiver's clock moved against it {len(steps)} times ({moved}); that is "
-                "taken out"
-            )
-        return SourceChoice(
+        chosen = SourceChoice(
             quantity="clock",
             chosen="time_boot_ms of the autopilot",
-            others=("the receiver's clock",) if steps else (),
-            why=why,
+            why="messages without a boot stamp are placed by their arrival",
         )
+        steps_us = [step.by_us for step in self._axis.clock_steps]
+        if not steps_us:
+            return chosen
+        ahead = sum(by_us > _LONGEST_DELAY_US for by_us in steps_us)
+        if ahead:
+            self._notes.append(f"the receiver's clock was set ahead {ahead} times")
+        moved = ", ".join(f"{by_us / 1e6:+.3g} s" for by_us in steps_us[:_SHOWN])
+        why = (
+            f"the receiver's clock moved against it {len(steps_us)} times ({moved}); that is "
+            "taken out"
+        )
+        return replace(chosen, others=("the receiver's clock",), why=why)
 
     def _parameters(self) -> list[Row]:
         """Boot time, name and value of every parameter in this boot."""
@@ -222,14 +226,12 @@ class _Boot:
 
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""
-        stamped = np.concatenate([self._own_times(name) for name in _STAMPED])
-        if stamped.size:
-            times = stamped
-        else:
+        times = np.concatenate([self._own_times(name) for name in _STAMPED])
+        if not times.size:
             times = self._table("DISTANCE_SENSOR").t_s
-        if times.size:
-            return (float(times.min()), float(times.max()))
-        return (0.0, 0.0)
+        if not times.size:
+            return (0.0, 0.0)
+        return (float(times.min()), float(times.max()))
 
     def _own_times(self, name: str) -> Array:
         """Boot times (n,) of messages of the autopilot."""
@@ -238,7 +240,7 @@ class _Boot:
         times = self._axis.times(layout, index, self._stamps(layout, index))
         return picked(times, self._log.component[index] == AUTOPILOT_COMPONENT)
 
-    def _stamps(self, layout: Layout, index: NDArray[np.int64]) -> NDArray[np.uint64] | None:
+    def _stamps(self, layout: Layout, index: Whole) -> NDArray[np.uint64] | None:
         """The time field of messages (n,), as on the wire; None where they have none."""
         if layout.stamp is None:
             return None
@@ -278,15 +280,15 @@ class _Boot:
             table = self._autopilot(name)
             sensors = {0: table}
             if "id" in table:
-                sensors = {int(k): table.where(table["id"] == k) for k in np.unique(table["id"])}
-            for sensor, one in sensors.items():
-                number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, sensor)
+                sensors = dict(table.by(table["id"]))
+            for sensor, own in sensors.items():
+                number = _IMU_NUMBERS.get(name, sensor)
                 source = f"{name}:{sensor}" if sensor else name
-                record = self._imu(one, source, vibration, number)
+                record = self._imu(own, source, vibration, number)
                 if record is not None:
                     out.append(record)
         # Float before quantised, then by rate.
-        out.sort(key=lambda r: (r.force_step > 0.0, -len(r.specific_force)))
+        out.sort(key=lambda imu: (imu.force_step > 0.0, -len(imu.specific_force)))
         return tuple(out)
 
     def _imu(
@@ -295,56 +297,61 @@ class _Boot:
         force = table["force"].copy()
         gyro = table["gyro"].copy()
         if "fields_updated" in table:
-            updated = table["fields_updated"].astype(np.int64)[:, None] >> np.arange(6) & 1
+            bits = table["fields_updated"].astype(np.int64)[:, None]
+            updated = bits >> np.arange(6) & 1
             force[updated[:, :3] == 0] = np.nan
             gyro[updated[:, 3:] == 0] = np.nan
-        forces = table.series(force, source)
-        gyros = table.series(gyro, source)
-        counter = vibration.data.get(f"clipping_{number}")
         # The counter runs from boot; what counts is how far it went in this record.
-        if counter is None:
-            counted = 0
-        else:
-            counted = int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
-        if table.name == "HIGHRES_IMU":
-            step = None
-        else:
-            step = _WIRE_STEP
-        return imu_record(source, forces, gyros, counted, step, instance=number)
+        clipped = 0
+        counter = vibration.data.get(f"clipping_{number}")
+        if counter is not None:
+            more = np.diff(counter.astype(np.int64))
+            clipped = int(more[more > 0].sum())
+        return imu_record(
+            source=source,
+            force=table.series(force, source),
+            gyro=table.series(gyro, source),
+            counted=clipped,
+            step=None if table.name == "HIGHRES_IMU" else _WIRE_STEP,
+            instance=number,
+        )
 
     def _beams(self) -> tuple[Beam, ...]:
         out = list(self._distance_beams(self._table("DISTANCE_SENSOR")))
         table = self._table("RANGEFINDER")
-        limits = (math.nan, math.nan)
-        down = next((beam for beam in out if beam.name == "down"), None)
-        if down is not None:
-            limits = (down.min_m, down.max_m)
         distance = table.series(table["distance"])
-        if distance is not None:
-            sensor = (AUTOPILOT_COMPONENT, 0, _DOWNWARD)
-            out.append(range_beam(_DOWN, sensor, distance, limits))
-        return tuple(out)
+        if distance is None:
+            return tuple(out)
+        limits = [(beam.min_m, beam.max_m) for beam in out if beam.name == "down"]
+        beam = range_beam(
+            direction=_DOWN,
+            sensor=(AUTOPILOT_COMPONENT, 0, _DOWNWARD),
+            readings=distance,
+            limits=limits[0] if limits else (math.nan, math.nan),
+        )
+        return (*out, beam)
 
     def _distance_beams(self, table: Messages) -> Iterable[Beam]:
         keys = np.stack([table["component"], table["id"], table["orientation"]], axis=-1)
-        for component, sensor, orientation in np.unique(keys, axis=0):
-            one = table.where((keys == (component, sensor, orientation)).all(axis=1))
-            direction = beam_direction(int(orientation), mounting(one["q"]))
+        for key in np.unique(keys, axis=0):
+            own = table.where((keys == key).all(axis=1))
+            component, sensor, orientation = map(int, key)
+            direction = beam_direction(orientation, mounting(own["q"]))
             if direction is None:
                 self._notes.append(
                     f"DISTANCE_SENSOR {sensor} of component {component}: orientation "
-                    f"{orientation} cannot be resolved; {len(one)} readings ignored"
+                    f"{orientation} cannot be resolved; {len(own)} readings ignored"
                 )
                 continue
-            _, order = np.unique(one.t_s, return_index=True)
-            low, high = np.median(one["limits"], axis=0).tolist()
+            _, order = np.unique(own.t_s, return_index=True)
+            low, high = np.median(own["limits"], axis=0).tolist()
             yield range_beam(
                 direction=direction,
-                sensor=(int(component), int(sensor), int(orientation)),
-                readings=Series(one.t_s[order], one["distance"][order], one.name),
+                sensor=(component, sensor, orientation),
+                readings=Series(own.t_s[order], own["distance"][order], own.name),
                 limits=(low, high),
-                quality=one["signal_quality"][order],
-                sigma_m=_median(np.sqrt(one["variance"])),
+                quality=own["signal_quality"][order],
+                sigma_m=_median(np.sqrt(own["variance"])),
                 step_m=_WIRE_STEP_M,
             )
 
@@ -368,7 +375,7 @@ class _Boot:
         found = _EscSeries()
         self._add_telemetry(found)
         self._add_status(found)
-        if not found.has_speed():
+        if not found.speeds:
             self._add_rotor_sensors(found)
         return found.records()
 
@@ -377,50 +384,50 @@ class _Boot:
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
-                fresh = _fresh(table["count"][:, slot], table["rpm"][:, slot])
-                for quantity in _OF_ESC:
-                    found.add(first + slot, quantity, table, slot, fresh)
+                fresh = table.where(_fresh(table["count"][:, slot], table["rpm"][:, slot]))
+                found.add(first + slot, "rpm", fresh, slot)
+                found.add(first + slot, "temperature", fresh, slot)
 
     def _add_status(self, found: _EscSeries) -> None:
         """ESC_STATUS and ESC_INFO, four of consecutive numbers in a message."""
         for kind, quantity in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
             table = self._table(kind)
-            for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
-                rows = table["index"] == first
-                values = table[quantity][rows, slot]
-                known = np.isfinite(values)
+            for first, own in table.by(table["index"]):
+                known = np.isfinite(own[quantity])
                 if kind == "ESC_STATUS":
                     # A speed of 0 is also what an ESC that is not there has.
-                    known &= values != 0.0
-                if known.any():
-                    found.add(int(first) + slot + 1, quantity, table, slot, rows)
+                    known &= own[quantity] != 0.0
+                for slot in np.flatnonzero(known.any(axis=0)).tolist():
+                    found.add(first + slot + 1, quantity, own, slot)
 
     def _add_rotor_sensors(self, found: _EscSeries) -> None:
         """RAW_RPM and RPM: rotor sensors by number."""
         table = self._table("RAW_RPM")
-        for number in np.unique(table["index"]).tolist():
-            found.add(int(number) + 1, "rpm", table, 0, table["index"] == number)
+        for number, own in table.by(table["index"]):
+            found.add(number + 1, "rpm", own, 0)
         pair = self._table("RPM")
         for slot in range(2):
-            rows = pair["rpm"][:, slot] >= 0.0
-            if pair["rpm"][rows, slot].any() and not found.has_speed(slot + 1):
-                found.add(slot + 1, "rpm", pair, slot, rows)
+            own = pair.where(pair["rpm"][:, slot] >= 0.0)
+            if own["rpm"][:, slot].any() and slot + 1 not in found.speeds:
+                found.add(slot + 1, "rpm", own, slot)
 
     def _servos(self) -> dict[int, Series]:
+        ports = {}
         table = self._autopilot("SERVO_OUTPUT_RAW")
-        own = {int(p): table.where(table["port"] == p) for p in np.unique(table["port"])}
-        ports = {port: messages.series(messages["pwm"]) for port, messages in own.items()}
-        return {port: series for port, series in ports.items() if series is not None}
+        for port, own in table.by(table["port"]):
+            series = own.series(own["pwm"])
+            if series is not None:
+                ports[port] = series
+        return ports
 
     def _batteries(self) -> dict[str, Series]:
         """BATTERY_STATUS by id; SYS_STATUS where none of them reads a voltage."""
         out = {}
         table = self._autopilot("BATTERY_STATUS")
-        for number in np.unique(table["id"]).tolist():
-            own = table.where(table["id"] == number)
+        for number, own in table.by(table["id"]):
             series = _battery(own, _sums(own))
             if series is not None and np.isfinite(series.values[:, 0]).any():
-                out[f"BATTERY_STATUS id {int(number)}"] = series
+                out[f"BATTERY_STATUS id {number}"] = series
         if out:
             return out
         status = self._autopilot("SYS_STATUS")
@@ -439,14 +446,17 @@ class _Boot:
         return out
 
     def _wind(self) -> Series | None:
+        """WIND_COV as it is; WIND by where it comes from."""
         estimate = self._autopilot("WIND_COV")
+        known = estimate.series(estimate["wind"])
+        if known is not None:
+            return known
         table = self._autopilot("WIND")
         direction = table["direction"][:, 0]
-        level = table["speed"][:, 0]
+        level, down = table["speed"].T
         north = -level * np.cos(direction)
         east = -level * np.sin(direction)
-        to = np.stack([north, east, table["speed"][:, 1]], axis=-1)
-        return first_of((estimate.series(estimate["wind"]), table.series(to)))
+        return table.series(np.stack([north, east, down], axis=-1))
 
     def _texts(self) -> tuple[tuple[float, int, str], ...]:
         table = self._autopilot("STATUSTEXT")
@@ -479,19 +489,11 @@ def _median(values: Array) -> float:
     return math.nan
 
 
-def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
+def _fresh(count: NDArray[Any], rpm: Array) -> Mask:
     """Which ESC_TELEMETRY samples are new: their packet count moved. None are where an ESC never counts nor turns."""
     if not count.any() and not np.nan_to_num(rpm).any():
         return np.zeros(len(rpm), bool)
-    moved = np.concatenate([[True], np.diff(count.astype(np.int64)) != 0])
+    moved = np.append(True, np.diff(count.astype(np.int64)) != 0)
     if moved.mean() > _LEAST_MOVING:
         return moved
     return np.ones(len(rpm), bool)
-
-
-def _joined(parts: list[Series]) -> Series | None:
-    if not parts:
-        return None
-    t_s = np.concatenate([p.t_s for p in parts])
-    values = np.concatenate([p.values for p in parts])
-    return tidy(t_s, values, parts[0].source)

@@ -21,6 +21,7 @@ from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from companion.mavlink.wire_frames import Content
 from models.common.errors import LogError
+from models.common.frames import Array, Mask
 from models.vehicle.estimate import thrust_to_output
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series, SourceChoice
 from replay.logs.columns import (
@@ -445,7 +446,7 @@ class _Reader:
             range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),
         )
 
-    def _landed_at(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _landed_at(self, t_s: Array) -> Mask:
         """Whether the autopilot says that the vehicle stands, at the times (n,); False where it says nothing."""
         topic = self._first("vehicle_land_detected")
         landed = topic.series(topic.column("landed"))
