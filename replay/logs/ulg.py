@@ -50,10 +50,14 @@ _ARMED = 2
 _GROUND = 1
 _AIR = 2
 """arming_state; MAV_LANDED_STATE_ON_GROUND and _IN_AIR."""
+_DEBUG = 7
+"""The least severity."""
+_CLOCK = SourceChoice(quantity="clock", chosen="timestamps since boot", why="the only one")
+_SPANNING = ("vehicle_attitude", "sensor_combined")
+"""Topics that begin and end with the flight."""
 _OUTPUTS = 16
 _ESCS = 8
 """Fields of actuator_outputs and esc_status."""
-_MOTOR_1 = 101
 _MOTORS = range(101, 113)
 """Output functions of motors (PWM_MAIN_FUNCn, esc_status.actuator_function)."""
 _MOTOR_COUNT = 12
@@ -99,13 +103,15 @@ _TOPICS = [
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """The boots in the file, more than one where logs were joined. ``target_system`` is for links."""
     data = read_file(path, _HEAD[:4], "PX4 log")
-    begins = [0, *(match.start() for match in re.finditer(re.escape(_HEAD), data) if match.start())]
+    heads = [match.start() for match in re.finditer(re.escape(_HEAD), data)]
+    begins = [0, *(start for start in heads if start)]
     logs: list[FlightLog] = []
     problems: list[LogError] = []
     for start, end in itertools.pairwise([*begins, len(data)]):
         own = data if len(begins) == 1 else data[start:end]
         try:
-            logs.append(replace(_boot(path, own, len(data)), boot=len(logs)))
+            log = _boot(path, own, len(data))
+            logs.append(replace(log, boot=len(logs)))
         except LogError as error:
             problems.append(error)
     if not logs:
@@ -180,18 +186,18 @@ def _boot(path: Path, data: Content, size: int) -> FlightLog:
 def _topic(name: str, data: dict[str, NDArray[Any]]) -> Messages:
     # Copies: the fields of pyulog are views of all bytes of the topic.
     data = {field: spilled(np.ascontiguousarray(values)) for field, values in data.items()}
-    stamp = data.get("timestamp_sample", data["timestamp"])
+    sent = data["timestamp"]
+    taken = data.get("timestamp_sample", sent)
     # Some topics leave timestamp_sample at 0.
-    return Messages(
-        name, believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6), data
-    )
+    stamp_us = np.where(taken > 0, taken, sent).astype(float)
+    return Messages(name, believable(stamp_us / 1e6), data)
 
 
-def _last(topic: Messages, field: str, missing: int) -> int:
+def _last(topic: Messages, field: str, missing: int = 0) -> int:
     """The last value of a whole-number field; ``missing`` where there is none."""
-    if len(topic):
-        return int(np.nan_to_num(topic.column(field)[-1], nan=missing))
-    return missing
+    if not len(topic):
+        return missing
+    return int(topic.whole(field, missing)[-1])
 
 
 _VTOL = 22
@@ -203,10 +209,16 @@ def _mav_type(status: Messages) -> int | None:
     """MAV_TYPE by ``system_type``, else as far as ``is_vtol`` and ``vehicle_type`` say it; None where nothing does."""
     if not len(status):
         return None
-    if _last(status, "is_vtol", 0):
-        return _last(status, "system_type", 0) or _VTOL
-    kind = _MAV_TYPE_OF_KIND.get(_last(status, "vehicle_type", 0), 0)
-    return _last(status, "system_type", 0) or kind
+    by_kind = _MAV_TYPE_OF_KIND.get(_last(status, "vehicle_type"), 0)
+    if _last(status, "is_vtol"):
+        by_kind = _VTOL
+    return _last(status, "system_type") or by_kind
+
+
+def _text(message: Any) -> tuple[float, int, str]:
+    """Time [s], MAV_SEVERITY and text of a message of the logger."""
+    severity = int(message.log_level) - ord("0")
+    return message.timestamp / 1e6, min(max(severity, 0), _DEBUG), str(message.message)
 
 
 class _Reader:
@@ -216,28 +228,33 @@ class _Reader:
         self._path = path
         self._log = log
         self._size = size
-        self._topics: dict[str, list[Messages]] = {}
-        self._numbered: dict[str, list[tuple[int, Messages]]] = {}
-        for item in sorted(log.data_list, key=lambda d: d.multi_id):
+        self._topics: dict[str, list[tuple[int, Messages]]] = {}
+        for item in sorted(log.data_list, key=lambda item: item.multi_id):
             if len(item.data.get("timestamp", ())):
                 topic = _topic(item.name, item.data)
                 item.data = {}
-                self._topics.setdefault(item.name, []).append(topic)
-                self._numbered.setdefault(item.name, []).append((int(item.multi_id), topic))
+                instances = self._topics.setdefault(item.name, [])
+                instances.append((int(item.multi_id), topic))
         self._notes = list(notes)
         if log.file_corruption:
             self._notes.append("the file is damaged in places; what could be read was")
         if log.dropouts:
-            lost = sum(d.duration for d in log.dropouts) / 1000.0
-            self._notes.append(f"{len(log.dropouts)} dropouts of the logger, {lost:.1f} s in all")
+            lost_s = sum(dropout.duration for dropout in log.dropouts) / 1000.0
+            self._notes.append(f"{len(log.dropouts)} dropouts of the logger, {lost_s:.1f} s in all")
+
+    def _instances(self, name: str) -> list[tuple[int, Messages]]:
+        """Every instance of a topic, by its number in the log."""
+        return self._topics.get(name, [])
 
     def _first(self, name: str) -> Messages:
         """The first instance of a topic; an empty one where the log has none."""
-        return next(iter(self._topics.get(name, [])), Messages(name, np.empty(0), {}))
+        for _, topic in self._instances(name):
+            return topic
+        return Messages(name, np.empty(0), {})
 
-    def _instances(self, name: str) -> Iterator[tuple[int, Messages]]:
-        """Every instance of a topic, by its number in the log."""
-        yield from self._numbered.get(name, [])
+    def _first_of(self, name: str, other: str) -> Messages:
+        """The first instance of a topic, or of another one where the log has none."""
+        return self._first(name if name in self._topics else other)
 
     def _series(self, name: str, *fields: str) -> Series | None:
         topic = self._first(name)
@@ -245,25 +262,27 @@ class _Reader:
 
     def flightlog(self) -> FlightLog:
         """All columns."""
-        names = ("vehicle_attitude", "sensor_combined")
         stamps = []
-        for n in names:
-            for t in self._topics.get(n, []):
-                stamps.append(t.t_s)
-        start, end = time_span(self._path, stamps, " or ".join(names))
+        for name in _SPANNING:
+            for _, topic in self._instances(name):
+                stamps.append(topic.t_s)
+        start, end = time_span(self._path, stamps, " or ".join(_SPANNING))
         status = self._first("vehicle_status")
         attitude = self._first("vehicle_attitude")
         setpoint = self._first("vehicle_attitude_setpoint")
         gps = self._first("vehicle_gps_position")
         landed = self._first("vehicle_land_detected")
-        armed = status.column("arming_state") == _ARMED
-        states = np.nan_to_num(status.column("nav_state")).astype(int).tolist()
+        states = status.whole("nav_state").tolist()
         modes = [_MAIN_MODE.get(state, _AUTO) << _MAIN_MODE_BITS for state in states]
-        frames = sum(len(topic) for topics in self._topics.values() for topic in topics)
+        on_ground = landed.column("landed") > 0.0
         position, velocity = self._position()
-        on = tuple(i for i in runs(status.t_s, armed.astype(int), end) if i.value)
-        parameters, changes = in_force(self._parameters(), take_off(on))
+        arming = runs(status.t_s, status.column("arming_state") == _ARMED, end)
+        armed = tuple(interval for interval in arming if interval.value)
+        parameters, changes = in_force(self._parameters(), take_off(armed))
         self._notes += change_notes(changes)
+        frames = 0
+        for instances in self._topics.values():
+            frames += sum(len(topic) for _, topic in instances)
         return FlightLog(
             path=self._path,
             system=_last(status, "system_id", 1),
@@ -288,30 +307,22 @@ class _Reader:
             attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
             gps_fix=gps.series(gps.column("fix_type")),
-            armed=on,
+            armed=armed,
             modes=runs(status.t_s, np.array(modes), end),
-            landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),
+            landed=runs(landed.t_s, np.where(on_ground, _GROUND, _AIR), end),
             parameters=parameters,
             parameter_changes=changes,
-            sources=(
-                SourceChoice(quantity="clock", chosen="timestamps since boot", why="the only one"),
-            ),
-            texts=tuple(
-                (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
-                for m in self._log.logged_messages
-            ),
+            sources=(_CLOCK,),
+            texts=tuple(map(_text, self._log.logged_messages)),
             summary=LogSummary(self._size, frames, tuple(self._notes)),
         )
 
     def _parameters(self) -> list[Row]:
         """Those at the start of the log, then those that were set later."""
-        initial = [(-math.inf, name, value) for name, value in self._log.initial_parameters.items()]
-        changes = [(t_us / 1e6, name, value) for t_us, name, value in self._log.changed_parameters]
-        return [
-            (t_s, name, float(v))
-            for t_s, name, v in [*initial, *changes]
-            if isinstance(v, int | float)
-        ]
+        rows = [(-math.inf, name, value) for name, value in self._log.initial_parameters.items()]
+        for t_us, name, value in self._log.changed_parameters:
+            rows.append((t_us / 1e6, name, value))
+        return [(t_s, name, float(v)) for t_s, name, v in rows if isinstance(v, int | float)]
 
     def _servos(self) -> dict[int, Series]:
         """Outputs by instance of the topic, as the drivers take them. An instance that is all zeros drives nothing."""
@@ -327,13 +338,10 @@ class _Reader:
         topic = self._first("actuator_motors")
         thrust = np.clip(topic.array("control", _MOTOR_COUNT), 0.0, 1.0)
         factor = float(self._log.initial_parameters.get("THR_MDL_FAC", 0.0))
-        output = thrust_to_output(thrust, factor)
-        pulses = np.where(np.isfinite(output), 1000.0 + 1000.0 * output, 0.0)
-        padded = np.zeros((len(topic), _OUTPUTS))
-        padded[:, :_MOTOR_COUNT] = pulses
-        if len(topic):
-            return topic.series(padded)
-        return None
+        pulses = np.zeros((len(topic), _OUTPUTS))
+        pulses[:, :_MOTOR_COUNT] = 1000.0 + 1000.0 * thrust_to_output(thrust, factor)
+        pulses[~np.isfinite(pulses)] = 0.0
+        return topic.series(pulses)
 
     def _position(self) -> tuple[Series | None, Series | None]:
         topic = self._first("vehicle_local_position")
@@ -352,18 +360,13 @@ class _Reader:
         if force is None:
             force = self._series("vehicle_acceleration", "xyz[0]", "xyz[1]", "xyz[2]")
             gyro = self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]")
-        if force is None:
-            source = ""
-        else:
-            source = force.source
+        source = force.source if force else ""
         record = imu_record(source, force, gyro, flagged)
-        if record is None:
-            return ()
-        return (record,)
+        return (record,) if record else ()
 
     def _beams(self) -> tuple[Beam, ...]:
         out = []
-        for number, topic in enumerate(self._topics.get("distance_sensor", [])):
+        for number, (_, topic) in enumerate(self._instances("distance_sensor")):
             orientation = _last(topic, "orientation", -1)
             direction = beam_direction(orientation, mounting(topic.array("q", 4)))
             series = topic.series(topic.columns("current_distance", "signal_quality"))
@@ -373,50 +376,43 @@ class _Reader:
                     "ignored"
                 )
                 continue
-            low, high = (
-                float(v) for v in np.median(topic.columns("min_distance", "max_distance"), axis=0)
-            )
-            quality = series.values[:, 1]
+            limits = topic.columns("min_distance", "max_distance")
+            low, high = np.median(limits, axis=0).tolist()
             # uORB says -1 for "not known" and 0 for "no signal"; on MAVLink these are 0 and 1.
-            wire = np.nan_to_num(np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0)))
-            variance = topic.columns("variance")[:, 0]
+            quality = series.values[:, 1]
+            on_mavlink = np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0))
+            sigma_m = math.nan
+            variance = topic.column("variance")
             if (variance > 0.0).all():
-                sigma = math.sqrt(float(np.median(variance)))
-            else:
-                sigma = math.nan
-            distance = Series(series.t_s, series.values[:, :1], topic.name)
-            out.append(
-                range_beam(direction, (1, number, orientation), distance, (low, high), wire, sigma)
+                sigma_m = math.sqrt(float(np.median(variance)))
+            beam = range_beam(
+                direction=direction,
+                sensor=(1, number, orientation),
+                readings=Series(series.t_s, series.values[:, :1], topic.name),
+                limits=(low, high),
+                quality=np.nan_to_num(on_mavlink),
+                sigma_m=sigma_m,
             )
+            out.append(beam)
         return tuple(out) or self._terrain()
 
     def _rings(self) -> Iterator[Ring]:
         """obstacle_distance as sensors send it, else what PX4 made of all of them; its fields are those of MAVLink."""
-        topic = self._first(
-            "obstacle_distance"
-            if "obstacle_distance" in self._topics
-            else "obstacle_distance_fused"
-        )
-        if not len(topic):
-            return
-        distances = topic.array("distances", _DIRECTIONS)
-        distances = np.where(distances >= _UNKNOWN_CM, np.nan, distances * _CENTI)
-        limits = _CENTI * topic.columns("min_distance", "max_distance")
-        steps = topic.columns("increment")
-        offset = topic.columns("angle_offset")
-        frame = np.nan_to_num(topic.column("frame"), nan=_BODY_FRD)
+        topic = self._first_of("obstacle_distance", "obstacle_distance_fused")
+        distances_cm = topic.array("distances", _DIRECTIONS)
+        distances_m = np.where(distances_cm >= _UNKNOWN_CM, np.nan, distances_cm * _CENTI)
+        limits_m = _CENTI * topic.columns("min_distance", "max_distance")
+        step_deg = topic.column("increment")
+        offset_deg = topic.column("angle_offset")
+        frame = topic.whole("frame", _BODY_FRD)
         for k in np.flatnonzero(np.isfinite(topic.t_s)).tolist():
-            low, high = limits[k].tolist()
-            step = math.radians(steps[k, 0])
-            start = math.radians(offset[k, 0])
-            head = (float(topic.t_s[k]), 1, 1)
             ring = obstacle_distance(
-                head=head,
+                head=(float(topic.t_s[k]), 1, 1),
                 _=topic.name,
-                distances=tuple(distances[k].tolist()),
-                limits=(low, high),
-                steps=(0.0, step),
-                offset=start,
+                distances=tuple(distances_m[k].tolist()),
+                limits=tuple(limits_m[k].tolist()),
+                steps=(0.0, math.radians(step_deg[k])),
+                offset=math.radians(offset_deg[k]),
                 frame=int(frame[k]),
             )
             if ring is not None:
@@ -430,7 +426,7 @@ class _Reader:
         topic = self._first("vehicle_local_position")
         measured = topic.column("dist_bottom_valid") > 0.0
         if "dist_bottom_sensor_bitfield" in topic:
-            sensors = np.nan_to_num(topic.column("dist_bottom_sensor_bitfield")).astype(int)
+            sensors = topic.whole("dist_bottom_sensor_bitfield")
             measured &= (sensors & _BY_RANGE) > 0
         elif not (measured & ~self._landed_at(topic.t_s)).any():
             measured[:] = False
@@ -442,9 +438,8 @@ class _Reader:
             "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, "
             "not slant"
         )
-        return (
-            range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),
-        )
+        readings = replace(series, source="dist_bottom")
+        return (range_beam(_DOWN, (1, 0, _DOWNWARD), readings, step_m=0.0),)
 
     def _landed_at(self, t_s: Array) -> Mask:
         """Whether the autopilot says that the vehicle stands, at the times (n,); False where it says nothing."""
@@ -458,17 +453,13 @@ class _Reader:
         topic = self._first("esc_status")
         out = {}
         for i in range(_ESCS):
-            rpm = topic.columns(f"esc[{i}].esc_rpm")
+            rpm = topic.column(f"esc[{i}].esc_rpm")
             if not np.nan_to_num(rpm).any():
                 continue
-            function = _last(topic, f"esc[{i}].actuator_function", 0)
-            if function in _MOTORS:
-                motor = function - _MOTOR_1 + 1
-            else:
-                motor = i + 1
-            out[motor] = EscRecord(
-                topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature"))
-            )
+            temperature = topic.column(f"esc[{i}].esc_temperature")
+            function = _last(topic, f"esc[{i}].actuator_function")
+            motor = _MOTORS.index(function) if function in _MOTORS else i
+            out[motor + 1] = EscRecord(topic.series(rpm), topic.series(temperature))
         return dict(sorted(out.items()))
 
     def _batteries(self) -> dict[str, Series]:
@@ -476,11 +467,12 @@ class _Reader:
         out = {}
         for instance, topic in self._instances("battery_status"):
             connected = topic.column("connected")
-            if connected.size and np.nanmax(np.append(connected, -1.0)) == 0.0:
+            if np.nanmax(connected, initial=-1.0) == 0.0:
                 continue
             values = topic.columns("voltage_v", "current_a")
-            values[~(values[:, 0] > 0.0), 0] = np.nan
-            values[values[:, 1] == -1.0, 1] = np.nan
+            voltage, current = values.T
+            voltage[~(voltage > 0.0)] = np.nan
+            current[current == -1.0] = np.nan
             series = topic.series(values)
             if series is not None:
                 out[f"battery_status {instance}"] = series
@@ -499,9 +491,6 @@ class _Reader:
         return out
 
     def _wind(self) -> Series | None:
-        if "wind" in self._topics:
-            topic = self._first("wind")
-        else:
-            topic = self._first("wind_estimate")
-        horizontal = topic.columns("windspeed_north", "windspeed_east")
-        return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
+        topic = self._first_of("wind", "wind_estimate")
+        # PX4 estimates no vertical wind: unknown.
+        return topic.series(topic.columns("windspeed_north", "windspeed_east", "windspeed_down"))
