@@ -51,52 +51,54 @@ def without_repeats(log: Tlog) -> tuple[Tlog, int]:
 
 def _frames_behind(log: Tlog) -> int | None:
     """How many frames lie between a message and its repeat at most; None where nothing is repeated."""
-    distances = []
+    found = [np.empty(0, np.int64)]
     for layout in LAYOUTS.values():
         if layout.name not in _UNIQUE:
             continue
         index = log.indices(layout.id)
         index = index[log.component[index] == AUTOPILOT_COMPONENT]
         if len(index):
-            distances.append(_repeats(log, layout.id, index))
-    if distances:
-        found = np.concatenate(distances)
-    else:
-        found = np.empty(0, np.int64)
+            found.append(_repeats(log, layout.id, index))
+    distances = np.concatenate(found)
+    if len(distances) <= _FEW:
+        return None
     # Between others lie up to twice as many: messages come in bursts.
-    if len(found) > _FEW:
-        return 2 * int(np.quantile(found, _MOST)) + _FEW
-    return None
+    return 2 * int(np.quantile(distances, _MOST)) + _FEW
 
 
 def _repeats(log: Tlog, message_id: int, index: Whole) -> Whole:
     """Frames between the messages at ``index`` and their repeats, of those that a second link explains."""
     stamps = Spool(np.uint32)
     for rows in spans(index):
-        stamps.append(log.records(message_id, index[rows])["time_boot_ms"])
-    distinct = np.unique(stamps.array())
-    period_ms = (distinct[-1] - distinct[0]) / max(len(distinct) - 1, 1)
+        records = log.records(message_id, index[rows])
+        stamps.append(records["time_boot_ms"])
+    distinct_ms = np.unique(stamps.array())
+    span_ms = distinct_ms[-1] - distinct_ms[0]
+    period_ms = span_ms / max(len(distinct_ms) - 1, 1)
     # Between a message and its repeat lie others, and the repeats of others.
     apart = math.floor(2 * _LONGEST_MS / max(period_ms, _SHORTEST_MS))
     found = [np.empty(0, np.int64)]
     for rows in blocks(len(index), max(BLOCK, 4 * apart)):
         own = index[rows.start : rows.stop + apart]
         first, repeat = _same(log, message_id, own)
-        near = (repeat - first <= apart) & (first < rows.stop - rows.start)
+        near = repeat - first <= apart
+        near &= first < rows.stop - rows.start
         first = own[first[near]]
         repeat = own[repeat[near]]
         # A vehicle that starts again counts from the same stamps; that takes longer than a link delays.
         apart_us = np.abs(log.arrival_us[repeat] - log.arrival_us[first])
-        found.append((repeat - first)[apart_us < _LONGEST_MS * 1000])
+        by_a_link = apart_us < _LONGEST_MS * 1000
+        found.append((repeat - first)[by_a_link])
     return np.concatenate(found)
 
 
 def _same(log: Tlog, message_id: int, index: Whole) -> tuple[Whole, Whole]:
     """Which of the messages (n,) are alike: numbers of the one and of the next of its content, each (m,)."""
     records = log.records(message_id, index)
-    content = records.view(np.uint8).reshape(len(records), -1)
-    content = np.ascontiguousarray(np.column_stack([log.system[index], content]))
-    _, group = np.unique(content.view(f"V{content.shape[1]}").reshape(-1), return_inverse=True)
+    payload = records.view(np.uint8).reshape(len(records), -1)
+    content = np.column_stack([log.system[index], payload])
+    rows = np.ascontiguousarray(content).view(f"V{content.shape[1]}")
+    _, group = np.unique(rows.reshape(-1), return_inverse=True)
     order = np.argsort(group, kind="stable")
     again = np.diff(group[order]) == 0
     return order[:-1][again], order[1:][again]

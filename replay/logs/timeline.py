@@ -44,6 +44,8 @@ _UNIX_US = 10**15
 _WRAP_MS = 2**32
 """time_boot_ms has 32 bits."""
 _WRAPS_US = {Stamp.BOOT_MS: _WRAP_MS * 1000, Stamp.BOOT_US32: 2**32}
+_UNBOUNDED_US = 2**62
+"""No time on either side."""
 _PAUSE_MS = 3_600_000
 """A wrap is seen across a pause of an hour at most. Nobody reboots within that of 49.7 days."""
 
@@ -58,14 +60,17 @@ class Envelope:
         for rows in blocks(len(place)):
             window = (axis_us[rows] - origin) // _WINDOW_US
             once = np.ones(len(window), np.int64)
-            parts.append(_by_window(window, difference_us[rows], place[rows], once))
-        _, smallest, places, count = _by_window(*map(np.concatenate, zip(*parts, strict=True)))
+            part = _by_window(window, difference_us[rows], place[rows], once)
+            parts.append(part)
+        whole = map(np.concatenate, zip(*parts, strict=True))
+        _, smallest, places, count = _by_window(*whole)
         middle = places / count
         in_file = np.argsort(middle)
         smallest = smallest[in_file]
         if len(smallest) > 2:
             # A window of its own may hold only late messages; its neighbours know better.
-            smallest = sliding_window_view(np.pad(smallest, 1, mode="edge"), 3).min(axis=1)
+            padded = np.pad(smallest, 1, mode="edge")
+            smallest = sliding_window_view(padded, 3).min(axis=1)
         self._origin = int(smallest[0])
         self._place = middle[in_file]
         self._smallest = (smallest - self._origin).astype(float)
@@ -92,16 +97,18 @@ def boots(log: Tlog, system: int) -> Iterator[tuple[Tlog, BootAxis]]:
     """The frames of each boot of a vehicle, and their time axis. Raises LogError where there is no stamp to believe."""
     place, stamp_ms = _main_stamps(log, system)
     back = places_of(stamp_ms, lambda steps: steps < -_BACK_MS)
-    following = np.minimum(back[:, None] + np.arange(1, _DECIDING + 1), len(stamp_ms) - 1)
-    lasts = stamp_ms[back] - stamp_ms[following].max(axis=1) > _BACK_MS
-    starts = place[back[lasts] + 1]
-    for first, end in itertools.pairwise([0, *starts.tolist(), len(log)]):
+    following = back[:, None] + np.arange(1, _DECIDING + 1)
+    deciding_ms = stamp_ms[np.minimum(following, len(stamp_ms) - 1)]
+    lasts = stamp_ms[back] - deciding_ms.max(axis=1) > _BACK_MS
+    starts = place[back[lasts] + 1].tolist()
+    for first, end in itertools.pairwise([0, *starts, len(log)]):
         i, j = np.searchsorted(place, (first, end))
         own = place[i:j]
         if first:
             own = own - first
         part = log.part(first, end)
-        yield part, BootAxis(part, system, own, spilled(stamp_ms[i:j] * 1000))
+        stamp_us = spilled(stamp_ms[i:j] * 1000)
+        yield part, BootAxis(part, system, own, stamp_us)
 
 
 def steady(log: Tlog, system: int) -> Tlog:
@@ -111,10 +118,11 @@ def steady(log: Tlog, system: int) -> Tlog:
     """
     if (log.component == OWN_COMPONENT).any():
         return log
+    arrival_us = Spool(np.int64)
     try:
-        arrival_us = Spool(np.int64)
         for part, axis in boots(log, system):
-            arrival_us.append(without_steps(part.arrival_us, axis.clock_steps))
+            steady_us = without_steps(part.arrival_us, axis.clock_steps)
+            arrival_us.append(steady_us)
     except LogError:  # without a boot stamp nothing shows a step
         return log
     return replace(log, arrival_us=arrival_us.array())
@@ -126,7 +134,8 @@ def _main_stamps(log: Tlog, system: int) -> tuple[Whole, Whole]:
     places = Spool(np.int64)
     stamps = Spool(np.int64)
     for rows in blocks(len(log)):
-        found, stamp_ms = _stamps_in(log.part(rows.start, rows.stop), system)
+        part = log.part(rows.start, rows.stop)
+        found, stamp_ms = _stamps_in(part, system)
         places.append(found + rows.start)
         stamps.append(stamp_ms)
     place = places.array()
@@ -169,11 +178,13 @@ def _stamps_in(log: Tlog, system: int) -> tuple[Whole, Whole]:
         index = log.indices(layout.id, system)
         index = index[log.component[index] == AUTOPILOT_COMPONENT]
         if index.size:
+            records = log.records(layout.id, index)
             places.append(index)
-            stamps.append(log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
+            stamps.append(records["time_boot_ms"].astype(np.int64))
     place = np.concatenate(places)
-    order = np.argsort(place)
-    return place[order], np.concatenate(stamps)[order]
+    stamp = np.concatenate(stamps)
+    in_file = np.argsort(place)
+    return place[in_file], stamp[in_file]
 
 
 class BootAxis:
@@ -183,6 +194,7 @@ class BootAxis:
         """``place``: of the autopilot's stamped frames, shape (m,); ``stamp_us``: their boot times, shape (m,)."""
         self._log = log
         self._system = system
+        self.stamps_repaired = 0
         self.clock_steps = clock_steps(log.arrival_us, place, stamp_us)
         steps = sorted(self.clock_steps, key=lambda step: step.place)
         self._step_places = np.array([step.place for step in steps], np.int64)
@@ -191,19 +203,21 @@ class BootAxis:
         self._newest_us = spilled(np.maximum.accumulate(stamp_us))
         late_us = Spool(np.int64)
         for rows in spans(place):
-            late_us.append(self._arrival(place[rows]) - stamp_us[rows])
+            arrival_us = self._arrival(place[rows])
+            late_us.append(arrival_us - stamp_us[rows])
         self._offset = Envelope(place, stamp_us, late_us.array())
-        self.stamps_repaired = 0
 
     def _arrival(self, index: Whole) -> Whole:
         """Arrivals (n,) by a clock that was never set."""
-        before = np.searchsorted(self._step_places, index, side="right")
-        return np.asarray(self._log.arrival_us[index] - self._moved_us[before])
+        steps_before = np.searchsorted(self._step_places, index, side="right")
+        moved_us = self._moved_us[steps_before]
+        return np.asarray(self._log.arrival_us[index] - moved_us)
 
     def _ours(self, index: Whole) -> Mask:
         """Which frames (n,) are of the autopilot."""
-        own = self._log.component[index] == AUTOPILOT_COMPONENT
-        return np.asarray(own & (self._log.system[index] == self._system))
+        of_autopilot = self._log.component[index] == AUTOPILOT_COMPONENT
+        of_vehicle = self._log.system[index] == self._system
+        return np.asarray(of_autopilot & of_vehicle)
 
     def _received(self, index: Whole) -> Whole:
         """Boot times of frames (n,) as if they had arrived without delay."""
@@ -215,39 +229,41 @@ class BootAxis:
     def _received_in(self, index: Whole) -> Whole:
         by_arrival = self._arrival(index) - self._offset.at(index)
         # The stamped frames around these are all that places them.
-        first = max(int(np.searchsorted(self._place, index.min())) - 1, 0)
-        end = int(np.searchsorted(self._place, index.max())) + 2
-        place = self._place[first:end]
-        newest_us = self._newest_us[first:end]
+        first, last = np.searchsorted(self._place, (index.min(), index.max()))
+        around = slice(max(first - 1, 0), last + 2)
+        place = self._place[around]
+        newest_us = self._newest_us[around]
         following = np.searchsorted(place, index)
-        unbounded = np.iinfo(np.int64)
-        earliest = np.insert(newest_us, 0, unbounded.min // 2)[following]
-        latest = np.append(newest_us, unbounded.max // 2)[following]
+        before_us = np.append(-_UNBOUNDED_US, newest_us)[following]
+        after_us = np.append(newest_us, _UNBOUNDED_US)[following]
         slack_us = np.where(self._ours(index), _SAMPLED_US, _AGREE_US)
-        believed = (by_arrival >= earliest - slack_us) & (by_arrival <= latest + slack_us)
+        late_enough = by_arrival >= before_us - slack_us
+        early_enough = by_arrival <= after_us + slack_us
         by_place = np.rint(np.interp(index, place, newest_us)).astype(np.int64)
-        return np.maximum(np.where(believed, by_arrival, by_place), 0)
+        times_us = np.where(late_enough & early_enough, by_arrival, by_place)
+        return np.maximum(times_us, 0)
 
     def times(self, layout: Layout, index: Whole, stamps: NDArray[np.uint64] | None) -> Array:
         """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
         out = Spool(np.float64)
-        astray: list[Whole] = [np.empty(0, np.int64)]
+        astray = [np.empty(0, np.int64)]
         for rows in spans(index):
             received = self._received(index[rows])
-            if layout.stamp is None or stamps is None:
+            if stamps is None:
                 out.append(received / 1e6)
                 continue
             stamp = _unwrapped(layout, stamps[rows], received)
-            near = (np.abs(stamp - received) <= _AGREE_US) & (stamp > 0)
-            direct = self._ours(index[rows]) & near
+            near = np.abs(stamp - received) <= _AGREE_US
+            direct = self._ours(index[rows]) & near & (stamp > 0)
             out.append(np.where(direct, stamp, received) / 1e6)
             astray.append(rows.start + np.flatnonzero(~direct))
-        others = np.concatenate(astray)
         times = out.array()
+        others = np.concatenate(astray)
         if stamps is None or not len(others):
             return times
         times = times.copy()
-        times[others] = self._of_others(layout, index[others], stamps[others]) / 1e6
+        times_us = self._of_others(layout, index[others], stamps[others])
+        times[others] = times_us / 1e6
         return times
 
     def _of_others(self, layout: Layout, index: Whole, stamps: NDArray[np.uint64]) -> Whole:
@@ -256,19 +272,20 @@ class BootAxis:
         stamp = _unwrapped(layout, stamps, received)
         component = self._log.component[index]
         out = received.copy()
-        for sender in np.unique(component):
+        for sender in np.unique(component[stamp > 0]):
             rows = np.flatnonzero((component == sender) & (stamp > 0))
-            damaged = sender == AUTOPILOT_COMPONENT and not (stamp[rows] > _UNIX_US).all()
-            if damaged:
-                self.stamps_repaired += int(rows.size)
-            elif rows.size:
+            of_1970 = (stamp[rows] > _UNIX_US).all()
+            if sender == AUTOPILOT_COMPONENT and not of_1970:
+                self.stamps_repaired += len(rows)
+            else:
                 out[rows] = self._moved(index[rows], stamp[rows])
         return out
 
     def _moved(self, place: Whole, stamp_us: Whole) -> Whole:
         """Stamps (n,) of another clock on the boot axis; one that its arrival contradicts is placed by its arrival."""
         received = self._received(place)
-        moved = stamp_us + Envelope(place, received, received - stamp_us).at(place)
+        offset = Envelope(place, received, received - stamp_us)
+        moved = stamp_us + offset.at(place)
         agrees = np.abs(moved - received) <= _AGREE_US
         return np.maximum(np.where(agrees, moved, received), 0)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.file_frames import STAMP_BYTES, FileFrames, message_ids
+from companion.mavlink.file_frames import STAMP_BYTES, Bytes, FileFrames, message_ids
 from companion.mavlink.wire_frames import V2, Content, Counts, frame_bytes
 from companion.mavlink.wire_layout import wire_format
 from models.common.errors import LogError
@@ -75,8 +75,8 @@ class Tlog:
     """Offset of the frame's first byte (the magic)."""
     arrival_us: Whole
     message_id: NDArray[np.int32]
-    system: NDArray[np.uint8]
-    component: NDArray[np.uint8]
+    system: Bytes
+    component: Bytes
     report: Report
 
     def __len__(self) -> int:
@@ -88,21 +88,23 @@ class Tlog:
 
     def taken(self, own: slice | Whole) -> Tlog:
         """Some of the frames, by their places."""
-        arrays = (
-            self.start[own],
-            self.arrival_us[own],
-            self.message_id[own],
-            self.system[own],
-            self.component[own],
+        return replace(
+            self,
+            start=self.start[own],
+            arrival_us=self.arrival_us[own],
+            message_id=self.message_id[own],
+            system=self.system[own],
+            component=self.component[own],
         )
-        return Tlog(self.path, self.data, *arrays, self.report)
 
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """(arrival stamp [us], frame) in file order."""
         for rows in blocks(len(self)):
-            places = zip(self.arrival_us[rows].tolist(), self.start[rows].tolist(), strict=True)
-            for arrival, i in places:
-                yield arrival, self.data[i : i + frame_bytes(self.data, i)]
+            arrivals = self.arrival_us[rows].tolist()
+            starts = self.start[rows].tolist()
+            for arrival, start in zip(arrivals, starts, strict=True):
+                end = start + frame_bytes(self.data, start)
+                yield arrival, self.data[start:end]
 
     def indices(self, message_id: int, system: int | None = None) -> Whole:
         """Places of the frames of one message, of one system if given."""
@@ -118,41 +120,37 @@ class Tlog:
         """Payloads of the frames at ``indices``, all of one message, zero-padded: array of its wire format."""
         dtype = wire_format(message_id).dtype
         raw = np.zeros((len(indices), dtype.itemsize), np.uint8)
-        bytes_ = np.frombuffer(self.data, np.uint8)
         for part in spans(indices):
-            self._fill(raw[part], bytes_, self.start[indices[part]])
+            self._fill(raw[part], self.start[indices[part]])
         return raw.view(dtype).reshape(-1)
 
-    def _fill(self, raw: NDArray[np.uint8], bytes_: NDArray[np.uint8], start: Whole) -> None:
+    def _fill(self, raw: Bytes, start: Whole) -> None:
         """Payloads of the frames that begin at ``start`` (n,) into ``raw`` (n, bytes); what is shorter stays zero."""
-        payload = start + np.where(bytes_[start] == V2, 10, 6)
-        length = np.minimum(bytes_[start + 1], raw.shape[1])
-        for size in np.flatnonzero(np.bincount(length, minlength=1)):
+        file = np.frombuffer(self.data, np.uint8)
+        payload = start + np.where(file[start] == V2, 10, 6)
+        length = np.minimum(file[start + 1], raw.shape[1])
+        lengths = np.flatnonzero(np.bincount(length, minlength=1)).tolist()
+        for size in lengths:
             if size:
                 rows = np.flatnonzero(length == size)
-                raw[rows, :size] = sliding_window_view(bytes_, int(size))[payload[rows]]
+                payloads = sliding_window_view(file, size)
+                raw[rows, :size] = payloads[payload[rows]]
 
     def counts(self) -> Counter[tuple[int, int, int]]:
         """How many frames of each (system, component, message id), by message id."""
-        key = (
-            self.message_id.astype(np.int64) << 16
-            | self.system.astype(np.int64) << 8
-            | self.component
-        )
-        values, count = np.unique(key, return_counts=True)
-        senders = zip(
-            (values >> 8 & 255).tolist(),
-            (values & 255).tolist(),
-            (values >> 16).tolist(),
-            strict=True,
-        )
-        return Counter(dict(zip(senders, count.tolist(), strict=True)))
+        sender = self.system.astype(np.int64) << 8 | self.component
+        keys = self.message_id.astype(np.int64) << 16 | sender
+        distinct, count = np.unique(keys, return_counts=True)
+        out: Counter[tuple[int, int, int]] = Counter()
+        for key, frames in zip(distinct.tolist(), count.tolist(), strict=True):
+            out[key >> 8 & 255, key & 255, key >> 16] = frames
+        return out
 
 
 def read_tlog(path: Path) -> Tlog:
     """Every frame of a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
     data = read_file(path)
-    bytes_ = np.frombuffer(data, np.uint8)
+    file = np.frombuffer(data, np.uint8)
     counts = Counts()
     frames = FileFrames(data, counts, STAMP_BYTES)
     start = Spool(np.int64)
@@ -161,12 +159,12 @@ def read_tlog(path: Path) -> Tlog:
     system = Spool(np.uint8)
     component = Spool(np.uint8)
     for magic in _together(frames.pieces()):
-        source = magic + np.where(bytes_[magic] == V2, 5, 3)
+        sender = magic + np.where(file[magic] == V2, 5, 3)
         start.append(magic)
-        stamps.append(_stamps(bytes_, magic))
-        message_id.append(message_ids(bytes_, magic))
-        system.append(bytes_[source])
-        component.append(bytes_[source + 1])
+        stamps.append(_stamps(file, magic))
+        message_id.append(message_ids(file, magic))
+        system.append(file[sender])
+        component.append(file[sender + 1])
     places = start.array()
     if not places.size:
         raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
@@ -207,9 +205,9 @@ def _together(pieces: Iterable[Whole]) -> Iterator[Whole]:
         yield np.concatenate(waiting)
 
 
-def _stamps(bytes_: NDArray[np.uint8], magic: Whole) -> Whole:
+def _stamps(file: Bytes, magic: Whole) -> Whole:
     """The receiver's stamps [us] before the frames that begin at ``magic`` (n,)."""
-    stamps = sliding_window_view(bytes_, STAMP_BYTES)[magic - STAMP_BYTES]
+    stamps = sliding_window_view(file, STAMP_BYTES)[magic - STAMP_BYTES]
     found: NDArray[np.uint64] = stamps.view(">u8").reshape(-1)
     return np.minimum(found, _NO_STAMP).astype(np.int64)
 
@@ -221,18 +219,20 @@ def repair_stamps(stamps_us: Whole) -> tuple[Whole, int, int]:
     on either side: gaps and lasting steps of the clock pass, single damaged stamps (back in time, year 2793) do not.
     The first and the last have neighbours on one side only: up to an hour from them, in order, is taken as a pause.
     """
-    bad = outliers(stamps_us, _STAMP_TOLERANCE_US)
-    bad = bad[[not _behind_a_pause(stamps_us, int(i)) for i in bad]]
+    odd = outliers(stamps_us, _STAMP_TOLERANCE_US).tolist()
+    bad = np.array([i for i in odd if not _behind_a_pause(stamps_us, i)], np.int64)
     if len(bad):
         stamps_us = stamps_us.copy()
         # What lies between two bad ones is all that the lines through them need.
-        near = np.unique(np.clip(bad[:, None] + (-1, 1), 0, len(stamps_us) - 1))
-        good = np.setdiff1d(near, bad)
-        origin = stamps_us[np.setdiff1d(np.arange(len(bad) + 1), bad)[0]]
-        fitted = np.interp(bad, good, (stamps_us[good] - origin).astype(float))
+        beside = np.clip(bad[:, None] + (-1, 1), 0, len(stamps_us) - 1)
+        good = np.setdiff1d(beside, bad)
+        first_good = np.setdiff1d(np.arange(len(bad) + 1), bad)[0]
+        origin = stamps_us[first_good]
+        since = (stamps_us[good] - origin).astype(float)
+        fitted = np.interp(bad, good, since)
         stamps_us[bad] = origin + np.rint(fitted).astype(np.int64)
-    set_back = len(places_of(stamps_us, lambda steps: steps < -_STAMP_TOLERANCE_US))
-    return stamps_us, len(bad), set_back
+    set_back = places_of(stamps_us, lambda steps: steps < -_STAMP_TOLERANCE_US)
+    return stamps_us, len(bad), len(set_back)
 
 
 def places_of(values: Whole, wanted: Callable[[Whole], Mask]) -> Whole:
@@ -246,9 +246,12 @@ def places_of(values: Whole, wanted: Callable[[Whole], Mask]) -> Whole:
 
 def _behind_a_pause(stamps_us: Whole, i: int) -> bool:
     """Whether a stamp is the first or the last, and in order: a link that begins or ends with one frame and a pause."""
-    n = len(stamps_us)
-    ends = {0: stamps_us[1] - stamps_us[0], n - 1: stamps_us[-1] - stamps_us[-2]}
-    return i in ends and 0 <= ends[i] <= _LONGEST_PAUSE_US
+    last = len(stamps_us) - 1
+    if 0 < i < last:
+        return False
+    inner = 1 if i == 0 else last
+    pause = stamps_us[inner] - stamps_us[inner - 1]
+    return bool(0 <= pause <= _LONGEST_PAUSE_US)
 
 
 def outliers(values: Whole, tolerance: int) -> Whole:
@@ -257,13 +260,14 @@ def outliers(values: Whole, tolerance: int) -> Whole:
     In a sequence that only grows none does, however large its steps, except the first and the last: beyond them there
     is nothing to compare with.
     """
-    n = len(values)
+    last = len(values) - 1
     odd = places_of(values, lambda steps: (steps < 0) | (steps > tolerance))
-    if n < 5 or not odd.size:
+    if last < 4 or not odd.size:
         return np.empty(0, np.int64)
-    near = np.unique(np.clip(odd[:, None] + np.arange(-2, 4), 0, n - 1))
+    near = np.unique(np.clip(odd[:, None] + np.arange(-2, 4), 0, last))
     # Beyond the ends the sequence is mirrored.
     around = np.abs(near[:, None] + np.arange(-2, 3))
-    around = np.where(around < n, around, 2 * (n - 1) - around)
+    around = np.where(around <= last, around, 2 * last - around)
     median = np.median(values[around], axis=1)
-    return np.asarray(near[np.abs(values[near] - median) > tolerance])
+    far = np.abs(values[near] - median) > tolerance
+    return np.asarray(near[far])
