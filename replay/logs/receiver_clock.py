@@ -44,17 +44,19 @@ def clock_steps(arrival_us: Whole, place: Whole, stamp_us: Whole) -> list[ClockS
     for start in (jumps + 1).tolist():
         end = _end_of_window(newest_us, start)
         by_us = _change(latency_us, newest_us, starts[-1], start, end)
-        gone_back = np.diff(arrival_us[place[start - 1] : place[start] + 1]).min() < 0
+        between_us = arrival_us[place[start - 1] : place[start] + 1]
+        gone_back = np.diff(between_us).min() < 0
         if by_us > _STEP_US or (by_us < -_STEP_US and gone_back):
             starts.append(start)
     steps = []
-    for before, start, after in zip(starts, starts[1:], [*starts[2:], len(place)], strict=False):
+    ends = [*starts[2:], len(place)]
+    for before, start, after in zip(starts, starts[1:], ends, strict=False):
         end = min(_end_of_window(newest_us, start), after)
         by_us = _change(latency_us, newest_us, before, start, end)
         first = int(place[start - 1])
-        moved = np.diff(arrival_us[first : place[start] + 1])
-        widest = int(moved.argmax() if by_us > 0 else moved.argmin())
-        steps.append(ClockStep(first + widest + 1, by_us))
+        moved_us = np.diff(arrival_us[first : place[start] + 1])
+        widest = moved_us.argmax() if by_us > 0 else moved_us.argmin()
+        steps.append(ClockStep(first + int(widest) + 1, by_us))
     return steps
 
 

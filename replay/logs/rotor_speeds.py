@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -51,21 +51,24 @@ def believable_escs(escs: Mapping[int, EscRecord]) -> tuple[dict[int, EscRecord]
         known[number] = esc
         if esc.rpm is None:
             continue
+        said = len(esc.rpm)
         speeds = believable(esc.rpm)
-        lost = len(esc.rpm) - (0 if speeds is None else len(speeds))
-        if lost > WORTH_A_NOTE * len(esc.rpm):
+        lost = said - len(speeds or ())
+        if lost > WORTH_A_NOTE * said:
             notes.append(
-                f"ESC {number}: {lost} of {len(esc.rpm)} speeds are marks of unknown or lost "
+                f"ESC {number}: {lost} of {said} speeds are marks of unknown or lost "
                 "frames: left out"
             )
         known[number] = replace(esc, rpm=speeds)
     copies = _repeated(known)
     if copies:
-        numbers = ", ".join(map(str, sorted(copies)))
+        first = _listed(set(copies.values()))
         notes.append(
-            f"ESC {numbers}: the same numbers as ESC {_sources(copies)}, sent twice: left out"
+            f"ESC {_listed(copies)}: the same numbers as ESC {first}, sent twice: left out"
         )
-    return {number: esc for number, esc in known.items() if number not in copies}, notes
+        for number in copies:
+            del known[number]
+    return known, notes
 
 
 def believable(rpm: Series) -> Series | None:
@@ -80,10 +83,8 @@ def believable(rpm: Series) -> Series | None:
         good &= ~backwards
     kept = Series(rpm.t_s[good], np.abs(rpm.values[good]), rpm.source)
     lost = _lost_frames(kept) | _spikes(kept)
-    kept = Series(kept.t_s[~lost], kept.values[~lost], rpm.source)
-    if len(kept):
-        return kept
-    return None
+    kept = kept.rows(~lost)
+    return kept if len(kept) else None
 
 
 def _spikes(rpm: Series) -> Mask:
@@ -104,16 +105,12 @@ def _lost_frames(rpm: Series) -> Mask:
     zeros = np.flatnonzero(speed == 0.0)
     if not turning.size or not zeros.size:
         return lost
+    zeros = zeros[(zeros > turning[0]) & (zeros < turning[-1])]
     after = np.searchsorted(turning, zeros)
-    inside = (after > 0) & (after < len(turning))
-    zeros = zeros[inside]
-    after = after[inside]
-    apart = rpm.t_s[turning[after]] - rpm.t_s[turning[after - 1]]
-    lost[zeros] = apart <= LOST_S
+    apart_s = rpm.t_s[turning[after]] - rpm.t_s[turning[after - 1]]
+    lost[zeros] = apart_s <= LOST_S
     often = lost.sum() > LOST_SHARE * len(turning)
-    if often:
-        return lost
-    return np.zeros(len(speed), bool)
+    return np.asarray(lost & often)
 
 
 def _repeated(escs: Mapping[int, EscRecord]) -> dict[int, int]:
@@ -135,14 +132,15 @@ def _repeated(escs: Mapping[int, EscRecord]) -> dict[int, int]:
 
 def _copies(escs: Mapping[int, EscRecord], old: int, new: int) -> bool:
     """Whether one ESC's speeds are another one's, sample by sample."""
-    speeds = [_speeds(escs[number]) for number in (old, new)]
-    length = min(map(len, speeds))
-    if length < FEWEST_SAMPLES or np.ptp(speeds[0]) == 0.0:
+    first = _speeds(escs[old])
+    second = _speeds(escs[new])
+    length = min(len(first), len(second))
+    if length < FEWEST_SAMPLES or np.ptp(first) == 0.0:
         return False
     # A batch more or less at the beginning moves the one against the other.
-    a, b = (values[-length:] for values in speeds)
-    same = max(np.mean(a == b), np.mean(speeds[0][:length] == speeds[1][:length]))
-    return bool(same >= SAME_SHARE)
+    at_the_end = np.mean(first[-length:] == second[-length:])
+    at_the_start = np.mean(first[:length] == second[:length])
+    return bool(max(at_the_end, at_the_start) >= SAME_SHARE)
 
 
 def _speeds(esc: EscRecord) -> Array:
@@ -151,5 +149,5 @@ def _speeds(esc: EscRecord) -> Array:
     return esc.rpm.values[:, 0]
 
 
-def _sources(copies: Mapping[int, int]) -> str:
-    return ", ".join(map(str, sorted(set(copies.values()))))
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, sorted(numbers)))

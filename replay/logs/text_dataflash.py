@@ -70,10 +70,7 @@ def binary_of_text(path: Path, data: bytes) -> tuple[bytes, list[str]]:
             if rest and name.isalnum() and name.isupper():
                 unknown[name] += 1
             continue
-        if kind.values:
-            fields = rest.split(separator, len(kind.values) - 1)
-        else:
-            fields = []
+        fields = rest.split(separator, len(kind.values) - 1) if kind.values else []
         try:
             out += kind.packed(fields)
         except (ValueError, TypeError, struct.error):
@@ -84,9 +81,8 @@ def binary_of_text(path: Path, data: bytes) -> tuple[bytes, list[str]]:
         raise LogError(
             f"{path}: is a dataflash log as text, but no line fits its FMT line: give the .BIN"
         )
-    return bytes(out), _notes(unfit, "do not fit their FMT line") + _notes(
-        unknown, "have no FMT line"
-    )
+    notes = _notes(unfit, "do not fit their FMT line") + _notes(unknown, "have no FMT line")
+    return bytes(out), notes
 
 
 def _notes(lines: Counter[str], why: str) -> list[str]:
@@ -105,9 +101,8 @@ def _declare(
         return b""
     name = parts[2]
     formats = parts[3]
-    columns = ",".join(
-        part.strip() for part in "".join(parts[_FIELDS_OF_FMT:]).replace(";", ",").split(",")
-    )
+    names = "".join(parts[_FIELDS_OF_FMT:]).replace(";", ",").split(",")
+    columns = ",".join(map(str.strip, names))
     if name == "FMT":
         declared.clear()
         numbers.clear()
@@ -123,9 +118,11 @@ def _declare(
     if number == _FMT or numbers.get(number, name) != name:
         number = next(n for n in range(1, _TYPES) if n != _FMT and n not in numbers)
     numbers[number] = name
-    layout = struct.Struct("<" + "".join(FORMAT_TO_STRUCT[f][0] for f in formats))
-    declared[name] = _Line(_HEAD + bytes([number]), layout, tuple(_value(f) for f in formats))
-    return _fmt_message(number, len(_HEAD) + 1 + layout.size, name, formats, columns.strip(","))
+    codes = [FORMAT_TO_STRUCT[format_][0] for format_ in formats]
+    layout = struct.Struct("<" + "".join(codes))
+    head = _HEAD + bytes([number])
+    declared[name] = _Line(head, layout, tuple(map(_value, formats)))
+    return _fmt_message(number, len(head) + layout.size, name, formats, columns.strip(","))
 
 
 def _fmt_message(number: int, length: int, name: str, formats: str, columns: str) -> bytes:

@@ -62,40 +62,43 @@ def choose(log: Tlog, target: int | None = None) -> VehicleChoice:
     of_autopilot = log.component == AUTOPILOT_COMPONENT
     beats = np.flatnonzero(of_autopilot & (log.message_id == _HEARTBEAT))
     beat = log.records(_HEARTBEAT, beats)
-    vehicles = np.unique(
-        log.system[beats[beat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID]]
-    ).tolist()
-    armed = log.system[beats[(beat["base_mode"] & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) > 0]]
-    motion = np.bincount(log.system[of_autopilot & np.isin(log.message_id, _MOTION)], minlength=256)
+    sender = log.system[beats]
+    vehicles = np.unique(sender[beat["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID]).tolist()
+    armed = sender[beat["base_mode"] & mavlink.MAV_MODE_FLAG_SAFETY_ARMED > 0]
+    moving = of_autopilot & np.isin(log.message_id, _MOTION)
+    motion = np.bincount(log.system[moving], minlength=256)
     heartbeat = bool(vehicles)
-    vehicles = vehicles or np.flatnonzero(motion).tolist()
+    if not heartbeat:
+        vehicles = np.flatnonzero(motion).tolist()
     if not vehicles:
         raise LogError(
             f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot "
             "(component 1)"
         )
-    flying = {s: len(vehicles) == 1 or (s in armed and _rotors_turned(log, s)) for s in vehicles}
-    ranked = sorted(vehicles, key=lambda s: (-flying[s], -motion[s], s))
+    flying = {}
+    for system in vehicles:
+        flying[system] = len(vehicles) == 1 or (system in armed and _rotors_turned(log, system))
+    ranked = sorted(vehicles, key=lambda system: (-flying[system], -motion[system], system))
     if target is None:
-        return VehicleChoice(
-            ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat
-        )
+        first, *others = ranked
+        any_flies = any(flying[system] for system in others)
+        return VehicleChoice(first, tuple(others), any_flies, heartbeat)
     if target not in ranked:
-        raise LogError(
-            f"{log.path}: no vehicle with system id {target}; it holds "
-            f"{', '.join(map(str, ranked))}"
-        )
+        held = ", ".join(map(str, ranked))
+        raise LogError(f"{log.path}: no vehicle with system id {target}; it holds {held}")
     return VehicleChoice(target, heartbeat=heartbeat)
 
 
 def _rotors_turned(log: Tlog, system: int) -> bool:
     """By their speeds, or without any by servo outputs that moved."""
-    speeds = [log.records(n, index)["rpm"] for n in _SPEEDS if len(index := log.indices(n, system))]
-    if speeds:
-        return any(rpm.any() for rpm in speeds)
+    found = [log.records(number, log.indices(number, system)) for number in _SPEEDS]
+    if any(map(len, found)):
+        return any(records["rpm"].any() for records in found)
     outputs = log.records(_SERVOS, log.indices(_SERVOS, system))
-    values = [outputs[f"servo{k + 1}_raw"].astype(int) for k in range(_SERVO_COUNT)]
-    return len(outputs) > 0 and any(np.ptp(value) > _IDLE_US for value in values)
+    if not len(outputs):
+        return False
+    pulses = [outputs[f"servo{k + 1}_raw"].astype(int) for k in range(_SERVO_COUNT)]
+    return bool(np.ptp(pulses, axis=1).max() > _IDLE_US)
 
 
 def parameters(log: Tlog, system: int) -> list[tuple[int, str, float]]:
@@ -106,11 +109,12 @@ def parameters(log: Tlog, system: int) -> list[tuple[int, str, float]]:
     own = index[(component == AUTOPILOT_COMPONENT) & (log.system[index] == system)]
     places = np.concatenate([station, own])
     out = []
-    for place, record in zip(places.tolist(), log.records(_PARAM_VALUE, places), strict=True):
+    records = log.records(_PARAM_VALUE, places)
+    for place, record in zip(places.tolist(), records, strict=True):
         number = parameter_value(float(record["param_value"]), int(record["param_type"]))
         if math.isfinite(number):
-            name = bytes(record["param_id"]).split(b"\0")[0].decode("ascii", "replace")
-            out.append((place, name, number))
+            name, _, _ = bytes(record["param_id"]).partition(b"\0")
+            out.append((place, name.decode("ascii", "replace"), number))
     return out
 
 

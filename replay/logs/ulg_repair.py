@@ -67,17 +67,15 @@ class _Walk:
         self.lost: list[tuple[int, int]] = []
         """Damage as start, end."""
         self._cut = 0
-        end_of_part = [*_appended(data), len(data)]
         i = before = min(_FILE_HEADER, len(data))
-        for end in end_of_part:
+        for end in (*_appended(data), len(data)):
             while i < end:
                 following = self._end(i)
-                if i < following <= end and self._readable(i, following):
-                    before = i
-                    i = following
-                    continue
-                if i < following <= end and self._chain(following, end):
-                    self._lose(i, following)
+                within = i < following <= end
+                readable = within and self._readable(i, following)
+                if readable or (within and self._chain(following, end)):
+                    if not readable:
+                        self._lose(i, following)
                     before = i
                     i = following
                     continue
@@ -105,17 +103,20 @@ class _Walk:
         data = self._data
         if i + _HEADER > len(data) or data[i + 2] not in _TYPES:
             return 0
+        kind = data[i + 2]
         length = data[i] | data[i + 1] << 8
-        fits = length > 0 and (length <= _LONGEST or data[i + 2] in _LONG)
-        fits = fits and _FIXED.get(data[i + 2], length) == length
-        if fits:
-            return i + _HEADER + length
-        return 0
+        too_long = length > _LONGEST and kind not in _LONG
+        if length == 0 or too_long or length != _FIXED.get(kind, length):
+            return 0
+        return i + _HEADER + length
 
     def _resume(self, i: int, end: int) -> int | None:
         """The next place from which messages follow one another, to the end where it is near."""
-        starts = (found.start() - 2 for found in _TYPE.finditer(self._data, i + 2, end))
-        return next((start for start in starts if self._chain(start, end)), None)
+        for found in _TYPE.finditer(self._data, i + 2, end):
+            start = found.start() - 2
+            if self._chain(start, end):
+                return start
+        return None
 
     def _chain(self, i: int, end: int) -> bool:
         """Whether several messages follow one another from ``i``, or two and the end."""
@@ -125,7 +126,7 @@ class _Walk:
             if not i < following <= end or not self._readable(i, following):
                 return False
             i = following
-            count = count + 1
+            count += 1
         return count == _CHAIN or (count > 1 and i == end)
 
     def _readable(self, start: int, end: int) -> bool:
@@ -150,13 +151,14 @@ class _Walk:
 
     def notes(self) -> list[str]:
         """What a reader should know, in words."""
+        out = []
         damaged = sum(end - start for start, end in self.lost) - self._cut
         places = len(self.lost) - (self._cut > 0)
         if damaged > 0:
-            out = [f"{damaged} damaged bytes skipped in {places} places"]
-        else:
-            out = []
-        return out + ([f"last message cut off ({self._cut} bytes)"] if self._cut else [])
+            out.append(f"{damaged} damaged bytes skipped in {places} places")
+        if self._cut:
+            out.append(f"last message cut off ({self._cut} bytes)")
+        return out
 
 
 def _appended(data: Content) -> list[int]:
