@@ -35,7 +35,7 @@ from companion.sim.fan_wrench import (
     wrench_of,
 )
 from models.common.frames import GRAVITY, rotation_rows
-from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.vehicle import RHO_SEA_LEVEL, Rotor, Vehicle
 
 DT = 0.0025
 """Step [s]: ArduCopter's own main loop runs at 400 Hz."""
@@ -80,6 +80,9 @@ NEAR_WALL_M = 1.0
 SLIDE_M_S = 0.02
 """Friction is proportional to the sliding speed below this [m/s]: keeps it smooth at rest."""
 
+Rotation = tuple[float, ...]
+"""The nine elements, row by row, of the rotation FRD -> NED."""
+
 SPIN_MIN = 0.15
 SPIN_MAX = 0.95
 THRUST_EXPO = 0.65
@@ -96,12 +99,11 @@ class MotorOutput:
 
     def output(self, thrust: float) -> float:
         """Output 0...1 for a thrust 0...1."""
-        t = min(1.0, max(0.0, thrust))
+        x = min(1.0, max(0.0, thrust))
         e = self.expo
         if e:
-            x = ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * t)) / (2.0 * e)
-        else:
-            x = t
+            root = math.sqrt((1.0 - e) ** 2 + 4.0 * e * x)
+            x = ((e - 1.0) + root) / (2.0 * e)
         return self.lowest + (self.highest - self.lowest) * x
 
 
@@ -147,10 +149,10 @@ class Pack:
 
     def draw(self, power_w: float, dt: float) -> None:
         """Supply ``power_w`` for ``dt`` seconds."""
-        open_v = self.full_v - (self.full_v - self.empty_v) * min(
-            1.0, self.used_ah / self.capacity_ah
-        )
-        self.current_a += (power_w / self.voltage_v - self.current_a) * CURRENT_SHARE
+        used = min(1.0, self.used_ah / self.capacity_ah)
+        open_v = self.full_v - (self.full_v - self.empty_v) * used
+        needed_a = power_w / self.voltage_v
+        self.current_a += (needed_a - self.current_a) * CURRENT_SHARE
         self.voltage_v = open_v - self.resistance_ohm * self.current_a
         self.used_ah += self.current_a * dt / 3600.0
 
@@ -168,7 +170,28 @@ def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
     return (1.0 - expo) * actuator + expo * actuator * actuator
 
 
-def turned(rot: tuple[float, ...], v: Vec) -> Vec:
+def channel_of(rotor: Rotor) -> int:
+    """Index of a rotor's servo output."""
+    return (rotor.esc or rotor.servo or 1) - 1
+
+
+def clipped(value: float, most: float) -> float:
+    """``value`` within +-``most``."""
+    return max(-most, min(most, value))
+
+
+def placed(rot: Rotation, origin: Sequence[float], v: Vec) -> Vec:
+    """A vector of the body in NED, from an origin on."""
+    x, y, z = v
+    n, e, d = origin
+    return (
+        n + rot[0] * x + rot[1] * y + rot[2] * z,
+        e + rot[3] * x + rot[4] * y + rot[5] * z,
+        d + rot[6] * x + rot[7] * y + rot[8] * z,
+    )
+
+
+def turned(rot: Rotation, v: Vec) -> Vec:
     """A vector of the body in NED; ``rot``: see ``Body.rotation``."""
     x, y, z = v
     return (
@@ -178,7 +201,7 @@ def turned(rot: tuple[float, ...], v: Vec) -> Vec:
     )
 
 
-def turned_back(rot: tuple[float, ...], v: Vec) -> Vec:
+def turned_back(rot: Rotation, v: Vec) -> Vec:
     """A vector in NED in the body's axes."""
     n, e, d = v
     return (
@@ -191,11 +214,10 @@ def turned_back(rot: tuple[float, ...], v: Vec) -> Vec:
 def euler(q: Sequence[float]) -> Vec:
     """Roll, pitch, yaw [rad] of a unit quaternion (w, x, y, z)."""
     w, x, y, z = q
-    return (
-        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
-        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(clipped(2.0 * (w * y - z * x), 1.0))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return (roll, pitch, yaw)
 
 
 @dataclass(kw_only=True)
@@ -228,9 +250,13 @@ class Body:
         rng = random.Random(f"vehicle {self.seed}")
         self.radius = v.rotor_radius_m
         self._area = v.disc_area_m2
-        self._per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
+        tip_speed_per_rpm = 2.0 * math.pi / 60.0 * self.radius
+        self._per_rpm2 = RHO_SEA_LEVEL * self._area * tip_speed_per_rpm**2
         self._fans = self._prepared_fans(rng)
-        self._vane_gains = [n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD) for n in v.vanes]
+        self._vane_gains = []
+        for vane in v.vanes:
+            gain = vane.force_per_thrust_rad * rng.gauss(1.0, VANE_SD)
+            self._vane_gains.append(gain)
         self._prepare_rotors(rng)
         self.rpm = [0.0] * len(v.rotors)
         self.deflection = [0.0] * len(v.vanes)
@@ -244,22 +270,21 @@ class Body:
         for fan in self.vehicle.fans:
             count = len(fan.rotors)
             each = (fan.cq or 0.0) / count * self._per_rpm2 * self.radius
+            net_torque = 0.0
+            if fan.ct is None:
+                net_torque = (fan.cq or PAPER_CQ) * self._per_rpm2 * self.radius
             x, y, z = fan.position_m
-            fans.append(
-                SimFan(
-                    x=x,
-                    y=y,
-                    z=z,
-                    lip=fan.lip_radius_m,
-                    rotors=tuple(range(first, first + count)),
-                    ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, COEFFICIENT_SD),
-                    cq_torque=tuple(-r.spin * each for r in fan.rotors),
-                    net_torque=(fan.cq or PAPER_CQ)
-                    * self._per_rpm2
-                    * self.radius
-                    * (fan.ct is None),
-                )
+            prepared = SimFan(
+                x=x,
+                y=y,
+                z=z,
+                lip=fan.lip_radius_m,
+                rotors=tuple(range(first, first + count)),
+                ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, COEFFICIENT_SD),
+                cq_torque=tuple(-rotor.spin * each for rotor in fan.rotors),
+                net_torque=net_torque,
             )
+            fans.append(prepared)
             first += count
         return fans
 
@@ -267,28 +292,31 @@ class Body:
         """From output to speed, and the power that it draws."""
         v = self.vehicle
         curve = self.vehicle.throttle
-        self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
+        self.rotor_channels = tuple(map(channel_of, v.rotors))
         self._rotor_gain = [rng.gauss(1.0, COEFFICIENT_SD) for _ in v.rotors]
         self._pwm_low, self._pwm_span = pulses(v)
         self._expo = curve.expo if curve else THRUST_EXPO
         # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
         hover = v.hover_thrust * rng.gauss(1.0, HOVER_SD)
         weight_each = v.mass_kg * GRAVITY / len(v.fans)
-        full = weight_each / thrust_share(self.motor.output(hover), self._expo)
+        full_n = weight_each / thrust_share(self.motor.output(hover), self._expo)
         if curve:
-            full = curve.max_thrust_n * len(v.fans[0].rotors)
-        self._rpm_full = math.sqrt(full / (self._per_rpm2 * self._fans[0].ct))
-        self._ducted = v.fans[0].lip_radius_m > DUCTED_LIP * self.radius
-        self._ram = 1.0 if self._ducted else OPEN_RAM
-        ideal = math.sqrt((4.0 if self._ducted else 2.0) * RHO_SEA_LEVEL * self._area)
+            full_n = curve.max_thrust_n * len(v.fans[0].rotors)
+        self._rpm_full = math.sqrt(full_n / (self._per_rpm2 * self._fans[0].ct))
+        ducted = v.fans[0].lip_radius_m > DUCTED_LIP * self.radius
+        self._ram = 1.0 if ducted else OPEN_RAM
+        # Ideal power: T^1.5 / sqrt(2 rho A), of a duct whose wake does not contract T^1.5 / sqrt(4 rho A).
+        areas = 4.0 if ducted else 2.0
+        ideal = math.sqrt(areas * RHO_SEA_LEVEL * self._area)
         self._power_per_thrust15 = 1.0 / (ideal * FIGURE_OF_MERIT)
         hover_power = len(v.fans) * weight_each**1.5 * self._power_per_thrust15
-        self._hover_v = self.pack.full_v - self.pack.resistance_ohm * hover_power / self.pack.full_v
+        sag_v = self.pack.resistance_ohm * hover_power / self.pack.full_v
+        self._hover_v = self.pack.full_v - sag_v
 
     def _prepare_contacts(self) -> None:
-        reach_x = max(LEAST_STANCE_M, max(abs(f.x) for f in self._fans))
-        reach_y = max(LEAST_STANCE_M, max(abs(f.y) for f in self._fans))
-        self._feet = [(sx * reach_x, sy * reach_y, GEAR_M) for sx in (-1, 1) for sy in (-1, 1)]
+        x = max(LEAST_STANCE_M, *(abs(fan.x) for fan in self._fans))
+        y = max(LEAST_STANCE_M, *(abs(fan.y) for fan in self._fans))
+        self._feet = [(-x, -y, GEAR_M), (-x, y, GEAR_M), (x, -y, GEAR_M), (x, y, GEAR_M)]
         each = self.vehicle.mass_kg / len(self._feet)
         self._spring = each * CONTACT_STIFFNESS
         self._damper = 2.0 * CONTACT_DAMPING * each * math.sqrt(CONTACT_STIFFNESS)
@@ -306,28 +334,31 @@ class Body:
     def hover_drag(self) -> tuple[float, float]:
         """Momentum drag of all fans at hover thrust [N per m/s], and how far above the CG it acts [m]."""
         count = len(self._fans)
-        drag = (
-            count
-            * math.sqrt(RHO_SEA_LEVEL * self._area * (self.vehicle.mass_kg * GRAVITY / count))
-            * self._ram
-        )
-        return drag, DRAG_ARM_RADII * self.radius - sum(f.z for f in self._fans) / count
+        weight_each = self.vehicle.mass_kg * GRAVITY / count
+        drag = count * self._mass_flow(weight_each)
+        mean_z = sum(fan.z for fan in self._fans) / count
+        return drag, DRAG_ARM_RADII * self.radius - mean_z
+
+    def _mass_flow(self, thrust: float) -> float:
+        """Air that a fan takes in and turns [kg/s]: sqrt(rho A T), for a duct; Leishman 2006, ch. 2."""
+        return math.sqrt(RHO_SEA_LEVEL * self._area * thrust) * self._ram
 
     @property
     def clearance_m(self) -> float:
         """Height of the lowest foot over the ground."""
         rot = self.rotation()
-        return -max(
-            self.position[2] + rot[6] * x + rot[7] * y + rot[8] * z for x, y, z in self._feet
-        )
+        return -max(placed(rot, self.position, foot)[2] for foot in self._feet)
 
     @property
     def wall_gap_m(self) -> float:
         """Distance of the CG from the wall plane."""
-        s = self.surroundings
-        return s.wall_m - self.position[0] * self._wall_cos - self.position[1] * self._wall_sin
+        return self._wall_gap_of(self.position)
 
-    def rotation(self) -> tuple[float, ...]:
+    def _wall_gap_of(self, point: Sequence[float]) -> float:
+        wall_m = self.surroundings.wall_m
+        return wall_m - point[0] * self._wall_cos - point[1] * self._wall_sin
+
+    def rotation(self) -> Rotation:
         """The nine elements, row by row, of the rotation FRD -> NED."""
         north, east, down = rotation_rows(*self.quaternion)
         return (*north, *east, *down)
@@ -349,17 +380,17 @@ class Body:
         sag = self.pack.voltage_v / self._hover_v
         rpm = self.rpm
         for k, channel in enumerate(self.rotor_channels):
-            a = min(1.0, max(0.0, (pwm[channel] - self._pwm_low) / self._pwm_span))
-            target = (
-                self._rpm_full * math.sqrt(thrust_share(a, self._expo)) * sag * self._rotor_gain[k]
-            )
-            error = target - rpm[k]
-            rpm[k] += error * (self._spin_up if error > 0.0 else self._spin_down)
+            actuator = min(1.0, max(0.0, (pwm[channel] - self._pwm_low) / self._pwm_span))
+            share = math.sqrt(thrust_share(actuator, self._expo))
+            error = self._rpm_full * share * sag * self._rotor_gain[k] - rpm[k]
+            follows = self._spin_up if error > 0.0 else self._spin_down
+            rpm[k] += error * follows
 
-    def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
+    def _air(self, pwm: Sequence[float], rot: Rotation) -> None:
         """Everything the air does, by cause."""
-        vn, ve, vd = (v - w for v, w in zip(self.velocity, self.wind, strict=True))
-        u, v, w = turned_back(rot, (vn, ve, vd))
+        vn, ve, vd = self.velocity
+        wn, we, wd = self.wind
+        u, v, w = turned_back(rot, (vn - wn, ve - we, vd - wd))
         bearing = self.surroundings.wall_azimuth_rad - math.atan2(rot[3], rot[0])
         cb = math.cos(bearing)
         sb = math.sin(bearing)
@@ -382,14 +413,13 @@ class Body:
             my += fan.x * t0
             for k, torque in zip(fan.rotors, fan.cq_torque, strict=True):
                 mz += torque * rpm[k] * rpm[k]
-            flow = math.sqrt(RHO_SEA_LEVEL * self._area * max(t0, 0.0)) * self._ram
-            corner = added(
-                corner,
-                corner_wrench(
-                    fan=fan, lift=t0, square=square, inc=inc, radius=radius, cb=cb, sb=sb
-                ),
+            near = corner_wrench(
+                fan=fan, lift=t0, square=square, inc=inc, radius=radius, cb=cb, sb=sb
             )
-            unsteady = added(unsteady, unsteady_wrench(fan, t0 * inc.rms, noise, 6 * i, radius))
+            rough = unsteady_wrench(fan, t0 * inc.rms, noise, 6 * i, radius)
+            flow = self._mass_flow(max(t0, 0.0))
+            corner = added(corner, near)
+            unsteady = added(unsteady, rough)
             drag = added(drag, momentum_drag(fan, flow, u, v, radius))
             lifts.append(t0 * (1.0 + inc.z + inc.rms * noise[6 * i + 2]))
         causes = self.causes
@@ -400,34 +430,31 @@ class Body:
         causes.vanes = self._vane_wrench(pwm, lifts)
         self.pack.draw(power + AVIONICS_W, self.dt)
 
-    def _near_air(self, fan: SimFan, rot: tuple[float, ...]) -> Increments:
+    def _near_air(self, fan: SimFan, rot: Rotation) -> Increments:
         """What ground and wall do to one fan where it is."""
-        s = self.surroundings
-        if not s.air:
+        if not self.surroundings.air:
             return self.law.increments(math.inf, math.inf)
-        px, py, pz = self.position
-        n = px + rot[0] * fan.x + rot[1] * fan.y + rot[2] * fan.z
-        e = py + rot[3] * fan.x + rot[4] * fan.y + rot[5] * fan.z
-        h = -(pz + rot[6] * fan.x + rot[7] * fan.y + rot[8] * fan.z)
-        d = s.wall_m - n * self._wall_cos - e * self._wall_sin - fan.lip
+        at = placed(rot, self.position, (fan.x, fan.y, fan.z))
+        h = -at[2]
+        d = self._wall_gap_of(at) - fan.lip
         return self.law.increments(h / self.radius, d / self.radius)
 
     def _vane_wrench(self, pwm: Sequence[float], lifts: list[float]) -> Wrench6:
         total = ZERO6
-        for k, (vane, gain) in enumerate(zip(self.vehicle.vanes, self._vane_gains, strict=True)):
-            us = pwm[vane.servo - 1]
-            target = (
-                vane.rad_per_us * (us - vane.neutral_us) if us > 0.0 else 0.0
-            )  # 0: no pulse, the vane stays
-            self.deflection[k] += (
-                max(-VANE_LIMIT_RAD, min(VANE_LIMIT_RAD, target)) - self.deflection[k]
-            ) * self._servo
-            side = gain * self.deflection[k] * lifts[vane.fan - 1]
+        for k, vane in enumerate(self.vehicle.vanes):
+            target = 0.0  # without a pulse the vane stays
+            pulse_us = pwm[vane.servo - 1]
+            if pulse_us > 0.0:
+                target = vane.rad_per_us * (pulse_us - vane.neutral_us)
+            error = clipped(target, VANE_LIMIT_RAD) - self.deflection[k]
+            self.deflection[k] += error * self._servo
+            side = self._vane_gains[k] * self.deflection[k] * lifts[vane.fan - 1]
             ax, ay, az = vane.axis
-            total = added(total, wrench_of((side * ax, side * ay, side * az), vane.position_m))
+            force = (side * ax, side * ay, side * az)
+            total = added(total, wrench_of(force, vane.position_m))
         return total
 
-    def _contact(self, rot: tuple[float, ...]) -> None:
+    def _contact(self, rot: Rotation) -> None:
         """Feet on the ground and lips on the wall: spring, damper and friction."""
         pz = self.position[2]
         near_ground = pz > -(GEAR_M + NEAR_GROUND_M)
@@ -435,12 +462,12 @@ class Body:
         self.contact = self.wall_contact = False
         total = ZERO6
         if near_ground:
-            for point in self._feet:
-                depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
+            down = (0.0, 0.0, 1.0)
+            for foot in self._feet:
+                depth = placed(rot, self.position, foot)[2]
                 if depth > 0.0:
-                    total = added(
-                        total, self._press(rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
-                    )
+                    pressed = self._press(rot, foot, down, depth, GROUND_FRICTION)
+                    total = added(total, pressed)
         if near_wall:
             into = (self._wall_cos, self._wall_sin, 0.0)
             bx = rot[0] * into[0] + rot[3] * into[1]
@@ -452,35 +479,30 @@ class Body:
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
                 if depth > 0.0:
                     self.wall_contact = True
-                    total = added(total, self._press(rot, lip, into, depth, WALL_FRICTION))
+                    pressed = self._press(rot, lip, into, depth, WALL_FRICTION)
+                    total = added(total, pressed)
         self.causes.contact = total
 
     def _press(
-        self, rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float
+        self, rot: Rotation, point: Vec, into: Vec, depth: float, friction: float
     ) -> Wrench6:
         """Wrench of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
         self.contact = True
-        x, y, z = point
         p, q, r = self.rates
-        # velocity of the point, NED
-        bx = q * z - r * y
-        by = r * x - p * z
-        bz = p * y - q * x
-        v = [
-            self.velocity[i] + rot[3 * i] * bx + rot[3 * i + 1] * by + rot[3 * i + 2] * bz
-            for i in range(3)
-        ]
+        x, y, z = point
+        turning = (q * z - r * y, r * x - p * z, p * y - q * x)
+        v = placed(rot, self.velocity, turning)
         inward = v[0] * into[0] + v[1] * into[1] + v[2] * into[2]
         normal = max(0.0, self._spring * depth + self._damper * inward)
         slide = [v[i] - inward * into[i] for i in range(3)]
-        size = math.hypot(*slide) + SLIDE_M_S
-        f = [-normal * into[i] - friction * normal * slide[i] / size for i in range(3)]
-        return wrench_of(turned_back(rot, (f[0], f[1], f[2])), point)
+        speed = math.hypot(*slide) + SLIDE_M_S
+        n, e, d = (-normal * into[i] - friction * normal * slide[i] / speed for i in range(3))
+        return wrench_of(turned_back(rot, (n, e, d)), point)
 
-    def _integrate(self, rot: tuple[float, ...]) -> None:
-        c = self.causes
+    def _integrate(self, rot: Rotation) -> None:
         dt = self.dt
-        fx, fy, fz, mx, my, mz = map(sum, zip(*vars(c).values(), strict=True))
+        causes = vars(self.causes).values()
+        fx, fy, fz, mx, my, mz = map(sum, zip(*causes, strict=True))
         m = self.vehicle.mass_kg
         ix, iy, iz = self.vehicle.inertia_kgm2
         self.specific_force = (fx / m, fy / m, fz / m)
