@@ -8,10 +8,10 @@ failsafes and sticks are in tests/simulators.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 
-from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput
+from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput, clipped
 from companion.sim.fan_wrench import Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
@@ -107,12 +107,13 @@ def square_root(error: float, p: float, limit: float) -> float:
     linear = limit / (p * p)
     if abs(error) <= linear:
         return p * error
-    return math.copysign(math.sqrt(2.0 * limit * (abs(error) - 0.5 * linear)), error)
+    size = math.sqrt(2.0 * limit * (abs(error) - 0.5 * linear))
+    return math.copysign(size, error)
 
 
 def towards(value: float, target: float, step: float) -> float:
     """``value`` moved by at most ``step`` towards ``target``."""
-    return value + max(-step, min(step, target - value))
+    return value + clipped(target - value, step)
 
 
 def wrap(angle: float) -> float:
@@ -141,15 +142,11 @@ class Shaper:
         self.position += dt * (self.velocity + 0.5 * dt * self.accel)
         self.velocity += dt * self.accel
         wanted = velocity
+        p = self.jerk_max / self.accel_max
         if target is not None:
-            wanted += square_root(
-                target - self.position, 0.5 * self.jerk_max / self.accel_max, 0.75 * self.accel_max
-            )
-        demand = (
-            square_root(wanted - self.velocity, self.jerk_max / self.accel_max, self.jerk_max)
-            + accel
-        )
-        demand = max(-self.accel_max, min(self.accel_max, demand))
+            wanted += square_root(target - self.position, 0.5 * p, 0.75 * self.accel_max)
+        demand = square_root(wanted - self.velocity, p, self.jerk_max) + accel
+        demand = clipped(demand, self.accel_max)
         self.accel = towards(self.accel, demand, self.jerk_max * dt)
 
 
@@ -170,11 +167,12 @@ class Loop:
 
     def integrate(self, error: float) -> None:
         """One step of the integral."""
-        self.integral = max(-self.most, min(self.most, self.integral + self.i * error * DT))
+        self.integral = clipped(self.integral + self.i * error * DT, self.most)
 
     def differentiate(self, value: float) -> None:
         """One step of the derivative."""
-        self.slope += ((value - self.old) / DT - self.slope) * self.share
+        slope = (value - self.old) / DT
+        self.slope += (slope - self.slope) * self.share
         self.old = value
 
     def answer(self, error: float, feed_forward: float = 0.0) -> float:
@@ -231,17 +229,16 @@ class Autopilot:
         self.mixer = Mixer(vehicle, vehicle.hover_thrust, self.motor)
         self.parameters = self.default_parameters()
         g = self.gains
-        limits = ((g.accel_xy, g.jerk_xy), (g.accel_xy, g.jerk_xy), (g.accel_z, g.jerk_z))
-        self.axes = [Shaper(*limit) for limit in limits]
+        north = Shaper(g.accel_xy, g.jerk_xy)
+        east = Shaper(g.accel_xy, g.jerk_xy)
+        self.axes = [north, east, Shaper(g.accel_z, g.jerk_z)]
         """North, east and down of the shaped position target."""
-        rate_gains = zip(g.rate_p, g.rate_i, g.rate_d, strict=True)
-        self._rate_loops = [
-            Loop(p=p, i=i, d=d, most=RATE_I_MOST, share=SHARE_20_HZ) for p, i, d in rate_gains
-        ]
-        self._vel_loops = [
-            Loop(p=g.vel_xy_p, i=g.vel_xy_i, d=g.vel_xy_d, most=VEL_I_MOST, share=SHARE_5_HZ)
-            for _ in range(2)
-        ]
+        self._rate_loops = []
+        for p, i, d in zip(g.rate_p, g.rate_i, g.rate_d, strict=True):
+            loop = Loop(p=p, i=i, d=d, most=RATE_I_MOST, share=SHARE_20_HZ)
+            self._rate_loops.append(loop)
+        level = Loop(p=g.vel_xy_p, i=g.vel_xy_i, d=g.vel_xy_d, most=VEL_I_MOST, share=SHARE_5_HZ)
+        self._vel_loops = [level, replace(level)]
         self.attitude = AttitudeDemand()
         self.target = PositionTarget()
         self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases
@@ -289,9 +286,7 @@ class Autopilot:
         if not self.armed:
             return "none"
         streaming = self.guided is Guided.ATTITUDE and self.mode in self.stream_modes
-        if streaming:
-            return "stream"
-        return "position"
+        return "stream" if streaming else "position"
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
@@ -345,17 +340,13 @@ class Autopilot:
         self.time_s = time_s
         self._acc_filtered += (now.down_acceleration - self._acc_filtered) * SHARE_20_HZ
         self._watch_ground(now, touching)
-        if self.armed:
-            throttle = self._outer(now)
-        else:
-            throttle = 0.0
+        throttle = self._outer(now) if self.armed else 0.0
         if not self.armed or (self.landed and throttle <= 0.0):
             self.throttle = 0.0
             if self.armed:
-                rest = self.mixer.idle
+                self.mixer.idle()
             else:
-                rest = self.mixer.stop
-            rest()
+                self.mixer.stop()
             self._relax(now)
             return self.mixer.pwm
         self._spool = min(1.0, self._spool + DT / SPOOL_S)
@@ -370,17 +361,12 @@ class Autopilot:
         return max(0.5, math.cos(self.shaped[0]) * math.cos(self.shaped[1]))
 
     def _watch_ground(self, now: Estimate, touching: bool) -> None:
-        if (
-            touching
-            and self.throttle < LANDED_THROTTLE * self.hover
-            and abs(now.velocity[2]) < LANDED_M_S
-        ):
-            self._grounded_s += DT
-        else:
-            self._grounded_s = 0.0
+        still = abs(now.velocity[2]) < LANDED_M_S
+        low = self.throttle < LANDED_THROTTLE * self.hover
+        self._grounded_s = self._grounded_s + DT if touching and low and still else 0.0
+        self._airborne_s = 0.0 if touching else self._airborne_s + DT
         if self._touched_down:
             self.landed = True
-        self._airborne_s = 0.0 if touching else self._airborne_s + DT
         if self._airborne_s > AIRBORNE_S:
             self.landed = False
 
@@ -410,7 +396,7 @@ class Autopilot:
         north.integral = c * ahead - s * right
         east.integral = s * ahead + c * right
         north.old, east.old = now.velocity[:2]
-        self._thr_i = (self.throttle - self.hover) if not self.landed else 0.0
+        self._thr_i = 0.0 if self.landed else self.throttle - self.hover
 
     def _outer(self, now: Estimate) -> float:
         """Throttle demand; sets the attitude demand."""
@@ -424,9 +410,7 @@ class Autopilot:
     def _level(self, now: Estimate) -> float:
         """Level, and the height held."""
         self._demand_attitude(0.0, 0.0, self.shaped[2])
-        if not self.landed:
-            return self._climb(now, 0.0)
-        return 0.0
+        return 0.0 if self.landed else self._climb(now, 0.0)
 
     def _to_target(self, now: Estimate) -> float:
         """Position control, take-off included."""
@@ -445,15 +429,13 @@ class Autopilot:
 
     def _climb_away(self) -> None:
         """A take-off accelerates gently: WPNAV_ACCEL_Z is 1 m/s^2, half a metre in the first second."""
-        self.axes[2].accel_max = (
-            TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
-        )
-        if (
-            self.guided is Guided.TAKEOFF
-            and self.landed
-            and self.axes[2].position < -LIFT_OFF_LEAD_M
-        ):
-            self.axes[2].reset(-LIFT_OFF_LEAD_M, 0.0)  # the target waits for the vehicle
+        down = self.axes[2]
+        if self.guided is not Guided.TAKEOFF:
+            down.accel_max = self.gains.accel_z
+            return
+        down.accel_max = TAKE_OFF_ACCEL
+        if self.landed and down.position < -LIFT_OFF_LEAD_M:
+            down.reset(-LIFT_OFF_LEAD_M, 0.0)  # the target waits for the vehicle
 
     def _end_take_off(self, now: Estimate) -> None:
         height = self.target.position[2]
@@ -490,15 +472,13 @@ class Autopilot:
             None if x is None else x + v * DT for x, v in zip(t.position, t.velocity, strict=True)
         )
         t.position = (n, e, d)
-        for axis, place, speed, accel in zip(
-            self.axes, t.position, t.velocity, t.accel, strict=True
-        ):
-            axis.step(DT, place, speed, accel)
+        for k, axis in enumerate(self.axes):
+            axis.step(DT, t.position[k], t.velocity[k], t.accel[k])
         demand = []
-        for axis, loop, here, speed in zip(
-            self.axes, self._vel_loops, now.position, now.velocity, strict=False
-        ):
-            error = axis.velocity + g.pos_xy * (axis.position - here) - speed
+        for k, loop in enumerate(self._vel_loops):
+            axis = self.axes[k]
+            wanted = axis.velocity + g.pos_xy * (axis.position - now.position[k])
+            error = wanted - now.velocity[k]
             loop.integrate(error)
             demand.append(loop.answer(error, axis.accel))
         self._lean(now, *demand)
@@ -510,12 +490,10 @@ class Autopilot:
         s = math.sin(now.yaw)
         ahead = c * north + s * east
         right = -s * north + c * east
-        limit = MAX_TILT_RAD
-        pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
-        roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
-        self._demand_attitude(
-            roll, pitch, self.shaped[2] if self.target.yaw is None else self.target.yaw
-        )
+        pitch = clipped(-math.atan(ahead / GRAVITY), MAX_TILT_RAD)
+        roll = clipped(math.atan(right * math.cos(pitch) / GRAVITY), MAX_TILT_RAD)
+        yaw = self.shaped[2] if self.target.yaw is None else self.target.yaw
+        self._demand_attitude(roll, pitch, yaw)
         return roll, pitch
 
     def _vertical(self, now: Estimate) -> float:
@@ -525,8 +503,10 @@ class Autopilot:
         accel = axis.accel + g.vel_z * (wanted - now.velocity[2])
         error = self._acc_filtered - accel  # positive: more throttle
         if not self.landed:
-            self._thr_i = max(-self.hover, min(THR_I_MOST, self._thr_i + g.acc_z_i * error * DT))
-        return max(0.0, min(1.0, self.hover + self._thr_i + g.acc_z_p * error))
+            integral = self._thr_i + g.acc_z_i * error * DT
+            self._thr_i = max(-self.hover, min(THR_I_MOST, integral))
+        throttle = self.hover + self._thr_i + g.acc_z_p * error
+        return max(0.0, min(1.0, throttle))
 
     # -- attitude ---------------------------------------------------------------------------------------------------
 
@@ -542,7 +522,7 @@ class Autopilot:
             limit = g.accel_max[i]
             rate = square_root(error, 1.0 / g.input_tc, limit)
             if i == 2:
-                rate = max(-YAW_RATE_RAD_S, min(YAW_RATE_RAD_S, rate))
+                rate = clipped(rate, YAW_RATE_RAD_S)
             self.shaped_rates[i] = towards(self.shaped_rates[i], rate, limit * dt)
             self.shaped[i] += self.shaped_rates[i] * dt
         self.shaped[2] = wrap(self.shaped[2])
@@ -560,19 +540,22 @@ class Autopilot:
         cr = math.cos(now.roll)
         sp = math.sin(now.pitch)
         cp = math.cos(now.pitch)
-        er = self.shaped[0] - now.roll
-        ep = self.shaped[1] - now.pitch
-        ey = wrap(self.shaped[2] - now.yaw)
-        dr, dp, dy = self.shaped_rates
-        er = g.angle[0] * er + dr
-        ep = g.angle[1] * ep + dp
-        ey = g.angle[2] * ey + dy
+        roll_error = self.shaped[0] - now.roll
+        pitch_error = self.shaped[1] - now.pitch
+        yaw_error = wrap(self.shaped[2] - now.yaw)
+        roll_rate, pitch_rate, yaw_rate = self.shaped_rates
+        er = g.angle[0] * roll_error + roll_rate
+        ep = g.angle[1] * pitch_error + pitch_rate
+        ey = g.angle[2] * yaw_error + yaw_rate
         # Euler rates -> body rates
-        wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
+        p = er - sp * ey
+        q = cr * ep + sr * cp * ey
+        r = -sr * ep + cr * cp * ey
         out = []
-        for i, loop in enumerate(self._rate_loops):
+        for i, wanted in enumerate((p, q, r)):
+            loop = self._rate_loops[i]
             self._rate_filtered[i] += (now.rates[i] - self._rate_filtered[i]) * SHARE_20_HZ
-            error = wanted[i] - self._rate_filtered[i]
+            error = wanted - self._rate_filtered[i]
             if not self.mixer.saturated and not self.landed:
                 loop.integrate(error)
             out.append(loop.answer(error) * self.vehicle.inertia_kgm2[i])

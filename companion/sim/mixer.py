@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.sim.body import ARDUPILOT_MOTOR, VANE_LIMIT_RAD, MotorOutput, pulses
+from companion.sim.body import (
+    ARDUPILOT_MOTOR,
+    VANE_LIMIT_RAD,
+    MotorOutput,
+    channel_of,
+    clipped,
+    pulses,
+)
 from models.common.errors import ConfigError
 from models.common.frames import GRAVITY, Array
 from models.vehicle import Vehicle
@@ -37,9 +44,7 @@ class Mixer:
         self._vane_rows = rows[len(fans) :]
         self._hover = hover
         self._motor = motor
-        self._fans = []
-        for fan in fans:
-            self._fans.append([(r.esc or r.servo or 1) - 1 for r in fan.rotors])
+        self._fans = [list(map(channel_of, fan.rotors)) for fan in fans]
         self._vanes = []
         for v in vanes:
             travel_us = VANE_LIMIT_RAD / v.rad_per_us if v.rad_per_us else 0.0
@@ -76,7 +81,7 @@ class Mixer:
             share = a * roll + b * pitch + c * yaw
             if abs(share) > 1.0:
                 self.saturated = True
-                share = max(-1.0, min(1.0, share))
+                share = clipped(share, 1.0)
             self.pwm[channel] = round(neutral + share * travel)
 
     def _write_fans(self, actuators: list[float]) -> None:
@@ -93,10 +98,9 @@ def effectiveness(vehicle: Vehicle) -> Array:
     for fan in vehicle.fans:
         x, y, _ = fan.position_m
         spin = sum(r.spin for r in fan.rotors) / len(fan.rotors)
+        torque = 0.0
         if fan.cq and fan.ct:
             torque = -spin * vehicle.rotor_radius_m * fan.cq / fan.ct
-        else:
-            torque = 0.0
         columns.append((1.0, -y, x, torque))
     for vane in vehicle.vanes:
         columns.append((0.0, *np.cross(vane.position_m, vane.axis)))

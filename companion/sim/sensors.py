@@ -15,6 +15,8 @@ from companion.sim.fan_wrench import Vec
 from models.common.frames import GRAVITY
 from models.vehicle import Rangefinder
 
+_PARALLEL = 1e-6
+"""A beam whose direction has less than this share towards a surface never meets it."""
 OUT_OF_RANGE_M = 60.0
 """What a lidar reports without an echo: beyond its greatest distance, as real ones do."""
 RANGE_MIN_M = 0.03
@@ -80,29 +82,28 @@ class Estimator:
         slow = self._slow.step()
         where = self._position.step()
         speed = self._velocity.step()
-        a = math.radians(0.1)
-        ex, ey, ez = (0.5 * (a * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
+        tilt_rad = math.radians(0.1)
+        # Half the angles of a small rotation of the body: q * (1, ex, ey, ez).
+        ex, ey, ez = (0.5 * (tilt_rad * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
         w, x, y, z = body.quaternion
-        q = (
-            w - x * ex - y * ey - z * ez,
-            x + w * ex - z * ey + y * ez,
-            y + z * ex + w * ey - x * ez,
-        )
+        qw = w - x * ex - y * ey - z * ez
+        qx = x + w * ex - z * ey + y * ez
+        qy = y + z * ex + w * ey - x * ez
         qz = z - y * ex + x * ey + w * ez
-        size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
-        unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
+        size = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        unit = (qw / size, qx / size, qy / size, qz / size)
         roll, pitch, yaw = euler(unit)
+        gyro_noise = [gauss(0.0, 0.008) for _ in range(3)]
+        accel_noise = [gauss(0.0, 0.15) for _ in range(3)]
         return Estimate(
             quaternion=unit,
             roll=roll,
             pitch=pitch,
             yaw=yaw,
-            rates=_sum(body.rates, self._gyro_bias, [gauss(0.0, 0.008) for _ in range(3)]),
+            rates=_sum(body.rates, self._gyro_bias, gyro_noise),
             position=_sum(body.position, self._position_bias, [0.004 * v for v in where]),
             velocity=_sum(body.velocity, [0.01 * v for v in speed]),
-            specific_force=_sum(
-                body.specific_force, self._accel_bias, [gauss(0.0, 0.15) for _ in range(3)]
-            ),
+            specific_force=_sum(body.specific_force, self._accel_bias, accel_noise),
         )
 
 
@@ -149,27 +150,31 @@ class RangeSensor:
 
 def ring_beams(sensor: Rangefinder, seed: str) -> list[RangeSensor]:
     """A ring of lidars: the first looks ahead, the others follow to the right."""
-    angles = [k * (2.0 * math.pi / sensor.ring) for k in range(sensor.ring)]
-    return [
-        RangeSensor(sensor, f"{seed} {k}", (math.cos(a), math.sin(a), 0.0))
-        for k, a in enumerate(angles)
-    ]
+    step_rad = 2.0 * math.pi / sensor.ring
+    beams = []
+    for k in range(sensor.ring):
+        direction = (math.cos(k * step_rad), math.sin(k * step_rad), 0.0)
+        beams.append(RangeSensor(sensor, f"{seed} {k}", direction))
+    return beams
 
 
 def true_range(body: Body, position: Vec, direction: Vec) -> float:
     """Distance [m] along a body-fixed beam to the ground or the wall, inf where it meets neither."""
     rot = body.rotation()
-    (on, oe, od), (dn, de, dd) = turned(rot, position), turned(rot, direction)
-    s = body.surroundings
-    best = math.inf
-    if dd > 1e-6:
-        best = max(0.0, -(body.position[2] + od) / dd)
-    c = math.cos(s.wall_azimuth_rad)
-    sn = math.sin(s.wall_azimuth_rad)
-    towards = dn * c + de * sn
-    if towards > 1e-6 and math.isfinite(s.wall_m):
-        best = min(best, max(0.0, (body.wall_gap_m - on * c - oe * sn) / towards))
-    return best
+    on, oe, od = turned(rot, position)
+    dn, de, dd = turned(rot, direction)
+    wall = body.surroundings
+    nearest = math.inf
+    if dd > _PARALLEL:
+        height = -(body.position[2] + od)
+        nearest = max(0.0, height / dd)
+    c = math.cos(wall.wall_azimuth_rad)
+    s = math.sin(wall.wall_azimuth_rad)
+    towards = dn * c + de * s
+    if towards > _PARALLEL and math.isfinite(wall.wall_m):
+        gap = body.wall_gap_m - on * c - oe * s
+        nearest = min(nearest, max(0.0, gap / towards))
+    return nearest
 
 
 class EscTelemetry:
@@ -189,13 +194,15 @@ class EscTelemetry:
             return
         self._next_s = body.time_s + 0.02
         self._late.append(list(body.rpm))
-        quantum = 100.0 / 7.0
-        late = self._late[0]
-        self.rpm = [
-            round(v * self._rng.gauss(1.0, 0.002) / quantum) * quantum if v > 1.0 else 0.0
-            for v in late
-        ]
+        self.rpm = list(map(self._read, self._late[0]))
         self.count += 1
-        self.temperature_c += (
-            ((25.0 + 0.8 * body.pack.current_a) - self.temperature_c) * 0.02 / 40.0
-        )
+        # It follows the current within 40 s.
+        warm_c = 25.0 + 0.8 * body.pack.current_a
+        self.temperature_c += (warm_c - self.temperature_c) * 0.02 / 40.0
+
+    def _read(self, speed: float) -> float:
+        if speed <= 1.0:
+            return 0.0
+        quantum = 100.0 / 7.0
+        steps = speed * self._rng.gauss(1.0, 0.002) / quantum
+        return round(steps) * quantum
