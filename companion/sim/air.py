@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Protocol
@@ -128,11 +128,8 @@ class LawConstants:
         z = x = m = mz = 0.0
         rms = self.rms_free
         if over_ground > 0.0:
-            z += (
-                self.ground_gain
-                * ((1.0 + self.ground_curve / eta**2) ** (2.0 / 3.0) - 1.0)
-                * over_ground
-            )
+            hayden = (1.0 + self.ground_curve / eta**2) ** (2.0 / 3.0)
+            z += self.ground_gain * (hayden - 1.0) * over_ground
             z -= self.intake_loss * _decay(eta, self.intake_length) ** 2 * over_ground
             mz += self.torque_ground * _decay(eta, self.torque_length) * over_ground
             rms += self.rms_ground * _decay(eta, 1.0) * over_ground
@@ -143,22 +140,19 @@ class LawConstants:
             m += self.tilt * _decay(delta, self.tilt_reach) * at_wall
             if over_ground > 0.0:
                 both = over_ground * at_wall
-                offset = (
-                    math.log(eta / (self.ridge_height + self.ridge_slope * delta))
-                    / self.ridge_width
-                )
+                ridge_at = self.ridge_height + self.ridge_slope * delta
+                offset = math.log(eta / ridge_at) / self.ridge_width
                 ridge = _decay(delta, self.ridge_reach) / math.cosh(min(abs(offset), 50.0)) * both
-                trapped = (
-                    _decay(eta, self.trapped_length) * _decay(delta, self.trapped_length)
-                ) ** 2 * both
+                narrow = _decay(eta, self.trapped_length) * _decay(delta, self.trapped_length)
+                trapped = narrow**2 * both
                 z += self.trapped_lift * trapped - self.ridge_lift * ridge
                 x -= self.ridge_pull * ridge + self.trapped_pull * trapped
                 m += m * self.ridge_tilt * ridge - self.trapped_tilt * trapped
                 mz += self.torque_ridge * ridge
                 rms += self.rms_ridge * ridge
-        return Increments(
-            x=x, y=self.side_share * x, z=z, mx=-self.side_share * m, my=m, mz=mz, rms=rms
-        )
+        y = self.side_share * x
+        mx = -self.side_share * m
+        return Increments(x=x, y=y, z=z, mx=mx, my=m, mz=mz, rms=rms)
 
 
 NOMINAL = LawConstants()
@@ -177,9 +171,9 @@ class LawError:
         """From (lift, pull, tilt) at the same places, shape (n, 3)."""
         said = np.asarray(believed)
         real = np.asarray(true)
-        return LawError(
-            *np.sqrt(np.sum((real - said) ** 2, axis=0) / np.sum(real**2, axis=0)).tolist()
-        )
+        wrong = np.sum((real - said) ** 2, axis=0)
+        shares = np.sqrt(wrong / np.sum(real**2, axis=0))
+        return LawError(*shares.tolist())
 
 
 _ETAS = (1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, math.inf)
@@ -191,13 +185,14 @@ CORNER_PLACES = tuple(product(_ETAS, _DELTAS))
 @lru_cache(maxsize=1)
 def _closed_form() -> Array:
     """Lift, pull and tilt that the law behind the default model says at ``CORNER_PLACES``."""
-    law, (eta, delta) = ClosedForm(), np.array(CORNER_PLACES).T
+    law = ClosedForm()
+    eta, delta = np.array(CORNER_PLACES).T
     wrench = law.wrench(eta * law.radius_m, delta * law.radius_m, RPM_HOVER)
-    lift = float(law.lift(RPM_HOVER))
-    return np.stack(
-        [wrench[:, 2] / lift - 1.0, wrench[:, 0] / lift, wrench[:, 4] / (lift * law.radius_m)],
-        axis=1,
-    )
+    free_n = float(law.lift(RPM_HOVER))
+    lift = wrench[:, 2] / free_n - 1.0
+    pull = wrench[:, 0] / free_n
+    tilt = wrench[:, 4] / (free_n * law.radius_m)
+    return np.stack([lift, pull, tilt], axis=1)
 
 
 def closed_form_error(truth: SurfaceLaw) -> LawError:
@@ -215,14 +210,14 @@ def disturbed(seed: int) -> LawConstants:
     rng = random.Random(f"air {seed}")
     lengths = ("length", "height", "reach")
     while True:
-        factors = {}
-        for f in fields(NOMINAL):
-            factors[f.name] = getattr(NOMINAL, f.name) * math.exp(
-                rng.gauss(0.0, 0.08 if f.name.endswith(lengths) else 0.12)
-            )
-        truth = replace(NOMINAL, **factors)
+        constants = {}
+        for name, value in vars(NOMINAL).items():
+            sd = 0.08 if name.endswith(lengths) else 0.12
+            constants[name] = value * math.exp(rng.gauss(0.0, sd))
+        truth = LawConstants(**constants)
         error = closed_form_error(truth)
-        if 0.10 <= error.lift <= 0.30 and 0.10 <= error.tilt <= 0.30 and error.pull <= 0.40:
+        wrong_enough = min(error.lift, error.tilt) >= 0.10
+        if wrong_enough and max(error.lift, error.tilt) <= 0.30 and error.pull <= 0.40:
             return truth
 
 

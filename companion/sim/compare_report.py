@@ -99,9 +99,9 @@ def resolved(flights: Sequence[Flown], axis: str) -> bool:
 
 def _off_and_free(flights: Sequence[Flown], axis: str) -> tuple[float, float]:
     """RMS of an axis without offsets and in free air, mean over the seeds."""
-    off, _ = spread([f for f in flights if f.leg is Leg.OFF], lambda f: f.rms(axis))
-    free, _ = spread([f for f in flights if f.leg is Leg.FREE], lambda f: f.rms(axis))
-    return off, free
+    off = [flight for flight in flights if flight.leg is Leg.OFF]
+    free = [flight for flight in flights if flight.leg is Leg.FREE]
+    return _rms(off, axis), _rms(free, axis)
 
 
 def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str, float]] | None:
@@ -130,7 +130,10 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str,
 
 def _share_of_energy(trios: Sequence[Sequence[Flown]], axis: str) -> float:
     """Of flights (off, on, free) of each seed; NaN where the air adds nothing."""
-    off, on, free = np.sum([[f.rms(axis) ** 2 for f in trio] for trio in trios], axis=0)
+    squares = []
+    for trio in trios:
+        squares.append([flight.rms(axis) ** 2 for flight in trio])
+    off, on, free = np.sum(squares, axis=0)
     if off > free:
         return float(1.0 - (on - free) / (off - free))
     return math.nan
@@ -141,8 +144,8 @@ def _share_of_pairs(trios: Sequence[Sequence[Flown]], axis: str) -> float:
     by_air = 0.0
     left = 0.0
     for trio in trios:
-        n = min(len(f.time_s) for f in trio)
-        off, on, free = [getattr(f, axis)[:n] for f in trio]
+        shortest = min(len(flight.time_s) for flight in trio)
+        off, on, free = [getattr(flight, axis)[:shortest] for flight in trio]
         by_air += float(np.sum((off - free) ** 2))
         left += float(np.sum((on - free) ** 2))
     if by_air > 0.0:
@@ -150,8 +153,12 @@ def _share_of_pairs(trios: Sequence[Sequence[Flown]], axis: str) -> float:
     return math.nan
 
 
-def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) -> float:
-    return spread(flights, lambda f: f.rms(axis, f.during(approach, phase)))[0]
+def _rms(
+    flights: Sequence[Flown], axis: str, approach: int | None = None, phase: str | None = None
+) -> float:
+    """Mean over the flights: whole, or of one approach, or of a phase of it."""
+    mean, _ = spread(flights, lambda flight: flight.rms(axis, flight.during(approach, phase)))
+    return mean
 
 
 # -- JSON ------------------------------------------------------------------------------------------------------------
@@ -164,6 +171,9 @@ def as_json(found: LegComparison) -> dict[str, Any]:
         part = air_part(found.flights, leg)
         if part is not None:
             removed[leg.name.lower()] = {way: _all_rounded(part[way]) for way in part}
+    legs = {}
+    for leg, flights in found.legs.items():
+        legs[leg.name.lower()] = _leg_json(leg, flights, found)
     return {
         "scenario": found.scenario,
         "simulated": True,
@@ -172,25 +182,22 @@ def as_json(found: LegComparison) -> dict[str, Any]:
         "units": UNITS,
         "model": found.model,
         "model_error": {**found.error(), "without_offsets": WITHOUT_OFFSETS},
-        "legs": {
-            leg.name.lower(): _leg_json(leg, flights, found) for leg, flights in found.legs.items()
-        },
+        "legs": legs,
         "air_caused_part_removed": removed,
-        "flights": [_flight_json(f, found) for f in found.flights],
+        "flights": [_flight_json(flight, found) for flight in found.flights],
     }
 
 
 def _leg_json(leg: Leg, flights: Sequence[Flown], found: LegComparison) -> dict[str, Any]:
-    def both(number: Callable[[Flown], float]) -> dict[str, float]:
-        return dict(zip(("mean", "sd"), spread(flights, number), strict=True))
-
-    def of_axis(axis: str) -> dict[str, dict[str, float]]:
-        return {"rms": both(lambda f: f.rms(axis)), "peak": both(lambda f: f.peak(axis))}
-
-    touched_s, _ = spread(flights, lambda f: f.touched_s)
-    numbers = {axis: of_axis(axis) for axis in AXES}
-    approaches = _approaches_json(flights, found)
-    return {"who": leg.value, "touched_s": touched_s, **numbers, "approaches": approaches}
+    touched_s, _ = spread(flights, lambda flight: flight.touched_s)
+    out: dict[str, Any] = {"who": leg.value, "touched_s": touched_s}
+    for axis in AXES:
+        out[axis] = {}
+        for name in ("rms", "peak"):
+            mean, sd = spread(flights, operator.methodcaller(name, axis))
+            out[axis][name] = {"mean": mean, "sd": sd}
+    out["approaches"] = _approaches_json(flights, found)
+    return out
 
 
 def _flight_json(flight: Flown, found: LegComparison) -> dict[str, Any]:
@@ -209,13 +216,14 @@ def _flight_json(flight: Flown, found: LegComparison) -> dict[str, Any]:
 
 def _approaches_json(flights: Sequence[Flown], found: LegComparison) -> list[dict[str, Any]]:
     """Of each approach {phase: {axis: RMS}}, mean over the flights."""
-
-    def of_phase(k: int, phase: str | None) -> dict[str, float | None]:
-        return {a: _rounded(_rms(flights, a, k, phase)) for a in ("height", "lateral")}
-
     out = []
     for k in found.approaches:
-        out.append({phase or "all": of_phase(k, phase) for phase in found.phases})
+        approach: dict[str, dict[str, float | None]] = {}
+        for phase in found.phases:
+            height = _rms(flights, "height", k, phase)
+            lateral = _rms(flights, "lateral", k, phase)
+            approach[phase or "all"] = {"height": _rounded(height), "lateral": _rounded(lateral)}
+        out.append(approach)
     return out
 
 
@@ -315,20 +323,20 @@ def _shares(found: LegComparison) -> list[str]:
         part = air_part(found.flights, leg)
         if part is not None:
             lines += ["", f"of the error that the air causes, {words}"]
-            lines += [_part_line(WAYS[way], shares, clear) for way, shares in part.items()]
-            lines += [_unclear_line(found, axis) for axis in AXES if axis not in clear]
+            for way, shares in part.items():
+                lines.append(_part_line(WAYS[way], shares, clear))
+            for axis in AXES:
+                if axis not in clear:
+                    lines.append(_unclear_line(found, axis))
     return lines
 
 
 def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> str:
     cells = ""
     for axis in AXES:
+        digits = 0 if wide else 1
         if axis == "tilt":
             digits = 2
-        elif wide:
-            digits = 0
-        else:
-            digits = 1
         for number in ("rms", "peak"):
             mean, sd = spread(flights, operator.methodcaller(number, axis))
             cell = f"{mean:.{digits}f}"

@@ -152,20 +152,16 @@ class VehicleLink:
             base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         if pilot.mode in pilot.stream_modes:
             base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
-        coaxial = any(len(n.rotors) > 1 for n in self._flight.vehicle.fans)
-        if coaxial:
-            kind = mavlink.MAV_TYPE_COAXIAL
-        else:
-            kind = mavlink.MAV_TYPE_QUADROTOR
-        if pilot.landed:
-            state = mavlink.MAV_STATE_STANDBY
-        else:
-            state = mavlink.MAV_STATE_ACTIVE
-        return [
-            mavlink.MAVLink_heartbeat_message(
-                kind, self.firmware, base, self._custom_mode(), state, 3
-            )
-        ]
+        coaxial = any(len(fan.rotors) > 1 for fan in self._flight.vehicle.fans)
+        beat = mavlink.MAVLink_heartbeat_message(
+            type=mavlink.MAV_TYPE_COAXIAL if coaxial else mavlink.MAV_TYPE_QUADROTOR,
+            autopilot=self.firmware,
+            base_mode=base,
+            custom_mode=self._custom_mode(),
+            system_status=mavlink.MAV_STATE_STANDBY if pilot.landed else mavlink.MAV_STATE_ACTIVE,
+            mavlink_version=3,
+        )
+        return [beat]
 
     def _attitude(self) -> Messages:
         e = self._flight.estimate
@@ -197,39 +193,32 @@ class VehicleLink:
         a = self._flight.autopilot
         q = quaternion_from_euler(*a.shaped)
         thrust = max(0.0, min(1.0, a.throttle))
-        return [
-            mavlink.MAVLink_attitude_target_message(self.boot_ms, 0, q, *a.shaped_rates, thrust)
-        ]
+        rates = a.shaped_rates
+        return [mavlink.MAVLink_attitude_target_message(self.boot_ms, 0, q, *rates, thrust)]
 
     def _battery(self) -> Messages:
-        p = self._flight.body.pack
-        volts = [round(1000.0 * p.voltage_v)] + [65535] * 9
-        amps = round(100.0 * p.current_a)
-        used = p.used_ah
-        left = max(0, round(100.0 * (1.0 - used / p.capacity_ah)))
-        return [
-            mavlink.MAVLink_battery_status_message(
-                id=0,
-                battery_function=0,
-                type=1,
-                temperature=_NO_TEMPERATURE,
-                voltages=volts,
-                current_battery=amps,
-                current_consumed=round(1000.0 * used),
-                energy_consumed=-1,
-                battery_remaining=left,
-            )
-        ]
+        pack = self._flight.body.pack
+        left = round(100.0 * (1.0 - pack.used_ah / pack.capacity_ah))
+        status = mavlink.MAVLink_battery_status_message(
+            id=0,
+            battery_function=0,
+            type=1,
+            temperature=_NO_TEMPERATURE,
+            voltages=[round(1000.0 * pack.voltage_v)] + [65535] * 9,
+            current_battery=round(100.0 * pack.current_a),
+            current_consumed=round(1000.0 * pack.used_ah),
+            energy_consumed=-1,
+            battery_remaining=max(0, left),
+        )
+        return [status]
 
     def _landed_state(self) -> int:
         pilot = self._flight.autopilot
         if pilot.landed:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
-        return int(
-            mavlink.MAV_LANDED_STATE_TAKEOFF
-            if pilot.taking_off
-            else mavlink.MAV_LANDED_STATE_IN_AIR
-        )
+        if pilot.taking_off:
+            return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
+        return int(mavlink.MAV_LANDED_STATE_IN_AIR)
 
     def _extended_state(self) -> Messages:
         return [mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())]
@@ -239,8 +228,9 @@ class VehicleLink:
         return [mavlink.MAVLink_scaled_pressure_message(self.boot_ms, hpa, 0.0, 1500)]
 
     def _distances(self) -> Messages:
-        return [
-            mavlink.MAVLink_distance_sensor_message(
+        out = []
+        for index, sensor in enumerate(self._flight.ranges):
+            message = mavlink.MAVLink_distance_sensor_message(
                 time_boot_ms=self.boot_ms,
                 min_distance=_LEAST_CM,
                 max_distance=_MOST_CM,
@@ -250,27 +240,26 @@ class VehicleLink:
                 orientation=sensor.sensor.orientation,
                 covariance=self.range_covariance,
             )
-            for index, sensor in enumerate(self._flight.ranges)
-        ]
+            out.append(message)
+        return out
 
     def _obstacles(self) -> Messages:
         out = []
         for ring in self._flight.rings:
             read = [min(round(100.0 * beam.reading_m), _MOST_CM + 1) for beam in ring]
             step_deg = 360.0 / len(ring)
-            out.append(
-                mavlink.MAVLink_obstacle_distance_message(
-                    time_usec=self.boot_us,
-                    sensor_type=mavlink.MAV_DISTANCE_SENSOR_LASER,
-                    distances=read + [65535] * (72 - len(read)),
-                    increment=round(step_deg),
-                    min_distance=_LEAST_CM,
-                    max_distance=_MOST_CM,
-                    increment_f=step_deg,
-                    angle_offset=0.0,
-                    frame=mavlink.MAV_FRAME_BODY_FRD,
-                )
+            message = mavlink.MAVLink_obstacle_distance_message(
+                time_usec=self.boot_us,
+                sensor_type=mavlink.MAV_DISTANCE_SENSOR_LASER,
+                distances=read + [65535] * (72 - len(read)),
+                increment=round(step_deg),
+                min_distance=_LEAST_CM,
+                max_distance=_MOST_CM,
+                increment_f=step_deg,
+                angle_offset=0.0,
+                frame=mavlink.MAV_FRAME_BODY_FRD,
             )
+            out.append(message)
         return out
 
     def _esc_rpm(self) -> list[float]:
@@ -294,11 +283,11 @@ class VehicleLink:
         amps = round(100.0 * f.body.pack.current_a / len(f.body.rpm))
         same = [[v] * 4 for v in (int(f.esc.temperature_c), volts, amps, 0)]
         count = [f.esc.count & 0xFFFF] * 4
-        return [
-            group(*same, rpm[4 * i : 4 * i + 4], count)
-            for i, group in enumerate(groups)
-            if 4 * i < len(rpm)
-        ]
+        out = []
+        for i, message in enumerate(groups[: len(rpm) // 4]):
+            speeds = rpm[4 * i : 4 * i + 4]
+            out.append(message(*same, speeds, count))
+        return out
 
     # -- in ---------------------------------------------------------------------------------------------------------
 
@@ -311,11 +300,8 @@ class VehicleLink:
     def hear(self, message: Any) -> None:
         """One message: obeyed where it is for us, for all, or for nobody in particular."""
         handler = getattr(self, f"_on_{message.get_type().lower()}", None)
-        if (
-            handler is not None
-            and getattr(message, "target_system", SYSTEM) in (0, SYSTEM)
-            and self._for_us(message)
-        ):
+        system = getattr(message, "target_system", SYSTEM)
+        if handler is not None and system in (0, SYSTEM) and self._for_us(message):
             handler(message)
 
     def _for_us(self, message: Any) -> bool:
@@ -334,16 +320,15 @@ class VehicleLink:
         if m.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE:
             rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
         roll, pitch, yaw = (0.0, 0.0, 0.0) if rates else euler(m.q)
-        pilot.fly_attitude(
-            AttitudeDemand(
-                roll=roll,
-                pitch=pitch,
-                yaw=yaw,
-                rates=rates,
-                thrust=max(0.0, min(1.0, m.thrust)),
-                time_s=now,
-            )
+        demand = AttitudeDemand(
+            roll=roll,
+            pitch=pitch,
+            yaw=yaw,
+            rates=rates,
+            thrust=max(0.0, min(1.0, m.thrust)),
+            time_s=now,
         )
+        pilot.fly_attitude(demand)
         if now - self.attitude_stream_s > 0.3:
             self.attitude_since_s = now
         self.attitude_stream_s = now
@@ -353,17 +338,12 @@ class VehicleLink:
         pilot = self._flight.autopilot
         f = self._flight
         if pilot.mode is Mode.GUIDED and not pilot.landed:
-            if m.type_mask & 0x38:
-                velocity = (0.0, 0.0, 0.0)
-            else:
-                velocity = (m.vx, m.vy, m.vz)
-            if m.type_mask & 0x400:
-                yaw = None
-            else:
-                yaw = m.yaw
-            pilot.fly_to(
-                PositionTarget((m.x, m.y, m.z), velocity, yaw=yaw, time_s=f.time_s), f.estimate
-            )
+            target = PositionTarget(position=(m.x, m.y, m.z), time_s=f.time_s)
+            if not m.type_mask & 0x38:
+                target.velocity = (m.vx, m.vy, m.vz)
+            if not m.type_mask & 0x400:
+                target.yaw = m.yaw
+            pilot.fly_to(target, f.estimate)
 
     def _on_command_long(self, m: Any) -> None:
         self._out(mavlink.MAVLink_command_ack_message(m.command, self._command(m)))
@@ -409,13 +389,15 @@ class VehicleLink:
     # -- parameters -------------------------------------------------------------------------------------------------
 
     def _send_param(self, name: str) -> None:
-        p = self._flight.autopilot.parameters
-        kind = mavlink.MAV_PARAM_TYPE_REAL32
-        self._out(
-            mavlink.MAVLink_param_value_message(
-                name.encode(), p[name], kind, len(p), list(p).index(name)
-            )
+        parameters = self._flight.autopilot.parameters
+        value = mavlink.MAVLink_param_value_message(
+            param_id=name.encode(),
+            param_value=parameters[name],
+            param_type=mavlink.MAV_PARAM_TYPE_REAL32,
+            param_count=len(parameters),
+            param_index=list(parameters).index(name),
         )
+        self._out(value)
 
     def _on_param_request_read(self, m: Any) -> None:
         names = list(self._flight.autopilot.parameters)

@@ -67,9 +67,10 @@ class Scenario:
         last = self.waypoints[-1]
         again = []
         for i in range(times):
-            for k in self.waypoints[:-1]:
-                again.append(replace(k, time_s=k.time_s + i * long))
-        return replace(self, waypoints=(*again, replace(last, time_s=times * long)))
+            for point in self.waypoints[:-1]:
+                again.append(replace(point, time_s=point.time_s + i * long))
+        end = replace(last, time_s=times * long)
+        return replace(self, waypoints=(*again, end))
 
     def reference(self, time_s: float) -> ScriptPoint:
         """The reference at script time ``time_s``: the first knot before, the last one after."""
@@ -77,11 +78,11 @@ class Scenario:
         c = math.cos(azimuth)
         s = math.sin(azimuth)
         (towards, height, along), (v_towards, v_height, v_along) = self._smooth(time_s)
-        phase = self.waypoints[max(0, self._leg(time_s) - 1)].name
+        waypoint = self.waypoints[max(0, self._leg(time_s) - 1)]
         return ScriptPoint(
             position=(towards * c - along * s, towards * s + along * c, -height),
             velocity=(v_towards * c - v_along * s, v_towards * s + v_along * c, -v_height),
-            phase=phase,
+            phase=waypoint.name,
         )
 
     def _leg(self, time_s: float) -> int:
@@ -93,31 +94,30 @@ class Scenario:
         i = self._leg(time_s)
         a = self.waypoints[max(0, i - 1)]
         b = self.waypoints[min(i, len(self.waypoints) - 1)]
+        share = 0.0
         if 0 < i < len(self.waypoints):
             share = (time_s - a.time_s) / (b.time_s - a.time_s)
-        else:
-            share = 0.0
         return (
             a.towards_m + share * (b.towards_m - a.towards_m),
             a.height_m + share * (b.height_m - a.height_m),
             a.along_m + share * (b.along_m - a.along_m),
         )
 
-    def _smooth(self, time_s: float) -> tuple[Vec, Vec]:
+    def _smooth(self, time_s: float) -> tuple[list[float], list[float]]:
         """Position and velocity, averaged over ``rounding_s``: exact, since the lines are straight in between."""
         half = 0.5 * max(self.rounding_s, 1e-3)
         start = time_s - half
         end = time_s + half
-        times = [start, *(k.time_s for k in self.waypoints if start < k.time_s < end), end]
-        points = [self._straight(t) for t in times]
+        knots = [point.time_s for point in self.waypoints if start < point.time_s < end]
+        times = [start, *knots, end]
+        points = [self._straight(time) for time in times]
         mean = [0.0, 0.0, 0.0]
         for (t0, p0), (t1, p1) in pairwise(zip(times, points, strict=True)):
             for axis in range(3):
                 mean[axis] += 0.5 * (p0[axis] + p1[axis]) * (t1 - t0) / (end - start)
-        first = points[0]
-        last = points[-1]
-        rate = [(last[axis] - first[axis]) / (end - start) for axis in range(3)]
-        return (mean[0], mean[1], mean[2]), (rate[0], rate[1], rate[2])
+        change = zip(points[0], points[-1], strict=True)
+        rate = [(last - first) / (end - start) for first, last in change]
+        return mean, rate
 
 
 class _Script:
@@ -129,10 +129,9 @@ class _Script:
         self._z = START_HEIGHT_M
         self.waypoints: list[Waypoint] = []
 
-    def hold(self, seconds: float, name: str) -> _Script:
+    def hold(self, seconds: float, name: str) -> None:
         self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
         self._t += seconds
-        return self
 
     def go(
         self,
@@ -140,20 +139,13 @@ class _Script:
         towards: float | None = None,
         height: float | None = None,
         speed: float = 0.3,
-    ) -> _Script:
-        if towards is None:
-            x = self._x
-        else:
-            x = towards
-        if height is None:
-            z = self._z
-        else:
-            z = height
+    ) -> None:
+        x = self._x if towards is None else towards
+        z = self._z if height is None else height
         self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
         self._t += max(0.1, math.dist((x, z), (self._x, self._z)) / speed)
         self._x = x
         self._z = z
-        return self
 
     def end(self) -> tuple[Waypoint, ...]:
         return (*self.waypoints, Waypoint(self._t, self._x, self._z, name="end"))
@@ -178,9 +170,8 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     """The scenario ``name`` for a vehicle. ``air`` False: same obstacles, nothing of ground or wall in the air."""
     r = vehicle.rotor_radius_m
     azimuth = wall_azimuth(vehicle)
-    offset = max(
-        0.0, -min(f.position_m[2] for f in vehicle.fans)
-    )  # fans above the CG: the CG flies lower
+    # Where the fans are above the CG, it flies lower.
+    offset = max(0.0, -min(fan.position_m[2] for fan in vehicle.fans))
     wall = START_GAP_M + lip_reach(vehicle, azimuth)
     # The last bit is flown slowly, as one does: 0.3 m/s stops short of every surface by more than it overshoots.
     low = max(1.25 * r - offset, 0.2)
@@ -191,19 +182,22 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     if name == "hover":
         s.hold(60.0, "free")
     elif name in NAMES:
-        s.hold(6.0, "free").go("descend", height=lowish).go(
-            "descend", height=low, speed=CREEP_M_S
-        ).hold(4.0, "ground")
-        s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
-        s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(
-            4.0, "wall"
-        )
-        s.go("descend at wall", height=lowish).go(
-            "descend at wall", height=low, speed=CREEP_M_S
-        ).hold(5.0, "corner")
-        s.go("climb at wall", height=START_HEIGHT_M).hold(3.0, "wall").go(
-            "retreat", towards=0.0
-        ).hold(4.0, "free")
+        s.hold(6.0, "free")
+        s.go("descend", height=lowish)
+        s.go("descend", height=low, speed=CREEP_M_S)
+        s.hold(4.0, "ground")
+        s.go("climb", height=START_HEIGHT_M)
+        s.hold(3.0, "free")
+        s.go("approach", towards=nearish)
+        s.go("approach", towards=near, speed=CREEP_M_S)
+        s.hold(4.0, "wall")
+        s.go("descend at wall", height=lowish)
+        s.go("descend at wall", height=low, speed=CREEP_M_S)
+        s.hold(5.0, "corner")
+        s.go("climb at wall", height=START_HEIGHT_M)
+        s.hold(3.0, "wall")
+        s.go("retreat", towards=0.0)
+        s.hold(4.0, "free")
     else:
         raise ConfigError(f"scenario '{name}' is not known; choose one of {', '.join(NAMES)}")
     surroundings = Surroundings(
