@@ -109,8 +109,13 @@ def compare(
 
 
 def _tasks(data: DataSet, live: Mask, splits: int, rng: np.random.Generator) -> list[Task]:
-    out = [_task(data, live, f"split {i}", "split", held_out(data, rng)) for i in range(splits)]
-    return out + [_task(data, live, name, "region", test) for name, test in regions(data).items()]
+    tasks = []
+    for k in range(splits):
+        test = held_out(data, rng)
+        tasks.append(_task(data, live, f"split {k}", "split", test))
+    for name, test in regions(data).items():
+        tasks.append(_task(data, live, name, "region", test))
+    return tasks
 
 
 def _task(data: DataSet, live: Mask, name: str, kind: str, test: Mask) -> Task:
@@ -133,7 +138,9 @@ def regions(data: DataSet) -> dict[str, Mask]:
     if fh.size and fd.size:
         low, high = np.quantile(fh, (0.35, 0.6))
         near, far = np.quantile(fd, (0.35, 0.6))
-        out["block in the corner"] = (h >= low) & (h <= high) & (d >= near) & (d <= far)
+        at_height = (h >= low) & (h <= high)
+        at_distance = (d >= near) & (d <= far)
+        out["block in the corner"] = at_height & at_distance
     out["fastest rotor"] = data.rpm >= np.quantile(data.rpm, 0.9)
     return {name: mask for name, mask in out.items() if 3 <= mask.sum() <= 0.5 * len(data)}
 
@@ -203,14 +210,14 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
     mean = {}
     for method, row in scores.items():
         mean[method] = float(np.mean([row[axis]["test"] for axis in live]))
-    best = max(mean, key=lambda m: mean[m])
+    best = max(mean, key=mean.__getitem__)
     sd = float(np.mean([scores[best][axis]["test_sd"] or 0.0 for axis in live]))
     outside = {}
     for method in mean:
         if mean[method] >= mean[best] - sd:
             errors = [region["relative_error"][method] for region in regions]
             outside[method] = float(np.mean(errors or [0.0]))
-    chosen = min(outside, key=lambda m: outside[m])
+    chosen = min(outside, key=outside.__getitem__)
     why = (
         f"held-out R^2 {mean[chosen]:.3f} (best: {best} {mean[best]:.3f}); error over the "
         f"increments' RMS in regions left out whole {outside[chosen]:.2f}"
@@ -257,11 +264,9 @@ def _mean_sd(cell: Mapping[str, Any]) -> str:
 
 
 def _rows(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> list[str]:
-    lines = [
-        ("", *head),
-        ("---",) * (len(head) + 1),
-        *((name, *cells) for name, cells in rows.items()),
-    ]
+    lines = [("", *head), ("---",) * (len(head) + 1)]
+    for name, cells in rows.items():
+        lines.append((name, *cells))
     return ["| " + " | ".join(line) + " |" for line in lines]
 
 
@@ -288,15 +293,12 @@ def regression(result: Comparison, method: str, *, tested: bool = True) -> str:
     rows = task.test == tested
     answer = result.answers[method][0][rows]
     data = task.problem.y[rows]
-    lines = [
-        Line(data[:, k], answer[:, k], kind, axis, points=True)
-        for k, (axis, kind) in enumerate(zip(AXES, COLOURS, strict=True))
-        if axis in result.numbers["live"]
-    ]
+    lines = []
+    for k, axis in enumerate(AXES):
+        if axis in result.numbers["live"]:
+            points = Line(data[:, k], answer[:, k], COLOURS[k], axis, points=True)
+            lines.append(points)
     shown = np.array([data.min(), data.max()])
-    return figure(
-        f"{method}, {'held out' if tested else 'learnt'}",
-        [*lines, Line(shown, shown, "d")],
-        "increment, data",
-        "increment, surrogate",
-    )
+    lines.append(Line(shown, shown, "d"))
+    title = f"{method}, {'held out' if tested else 'learnt'}"
+    return figure(title, lines, "increment, data", "increment, surrogate")

@@ -47,8 +47,8 @@ def select(f: Array, rng: np.random.Generator) -> Index:
     """Roulette (eq. 14), p_i = f_i / sum_j f_j: indices (runs, pop) drawn with replacement within each run."""
     wheel = np.cumsum(f, axis=1)
     draws = rng.random(f.shape) * wheel[:, -1:]
-    passed = (draws[:, :, None] > wheel[:, None, :]).sum(axis=2)
-    chosen: Index = np.minimum(passed, f.shape[1] - 1)
+    passed = draws[:, :, None] > wheel[:, None, :]
+    chosen: Index = np.minimum(passed.sum(axis=2), f.shape[1] - 1)
     return chosen
 
 
@@ -59,14 +59,13 @@ def crossover(parents: Genes, share: float, rng: np.random.Generator) -> Genes:
     children stay between their parents.
     """
     children = parents.copy()
-    pairs = parents.shape[1] // 2
-    first = parents[:, 0 : 2 * pairs : 2]
-    second = parents[:, 1 : 2 * pairs : 2]
+    second = children[:, 1::2]
+    first = children[:, ::2][:, : second.shape[1]]
     mix = rng.random(first.shape, dtype=np.float32)
-    mix *= (rng.random(first.shape[:2]) < share)[..., None]
-    exchange = mix * (second - first)
-    children[:, 0 : 2 * pairs : 2] += exchange
-    children[:, 1 : 2 * pairs : 2] -= exchange
+    crossed = rng.random(first.shape[:2]) < share
+    exchange = mix * crossed[..., None] * (second - first)
+    first += exchange
+    second -= exchange
     return children
 
 
@@ -123,8 +122,10 @@ def evolve(
         chosen = select(fitness(mse), rng)
         parents = population[every[:, None], chosen]
         children = crossover(parents, s.crossover_share, rng)
-        probability = mutation_probability(fitness(evaluate(children)), s)
-        population = mutate(children, probability, generation / s.generations, s, rng)
+        fit = fitness(evaluate(children))
+        probability = mutation_probability(fit, s)
+        progress = generation / s.generations
+        population = mutate(children, probability, progress, s, rng)
         population[:, 0] = best
         mse = evaluate(population)
         leader = mse.argmin(axis=1)

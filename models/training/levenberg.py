@@ -22,11 +22,14 @@ def train(
     n, n_in = x.shape
     x1 = np.concatenate([x, np.ones((n, 1))], axis=1)
     split = (n_in + 1) * hidden
-    start = np.concatenate([rng.uniform(-2.0, 2.0, split), rng.uniform(-0.3, 0.3, hidden + 1)])
+    inner_start = rng.uniform(-2.0, 2.0, split)
+    outer_start = rng.uniform(-0.3, 0.3, hidden + 1)
+    start = np.concatenate([inner_start, outer_start])
     shrink = np.sqrt(decay * n) * np.eye(start.size)
 
     def inner(theta: Array) -> Array:
-        return np.tanh(x1 @ theta[:split].reshape(n_in + 1, hidden))
+        weights = theta[:split].reshape(n_in + 1, hidden)
+        return np.tanh(x1 @ weights)
 
     def residuals(theta: Array) -> Array:
         net = inner(theta) @ theta[split:-1] + theta[-1]
@@ -35,13 +38,13 @@ def train(
     def jacobian(theta: Array) -> Array:
         z = inner(theta)
         slope = (1.0 - z * z) * theta[split:-1] * gate[:, None]
-        by_first = (x1[:, :, None] * slope[:, None, :]).reshape(n, split)
-        by_second = z * gate[:, None]
-        return np.concatenate([np.column_stack([by_first, by_second, gate]), shrink])
+        by_inner = x1[:, :, None] * slope[:, None, :]
+        by_outer = z * gate[:, None]
+        by_net = np.column_stack([by_inner.reshape(n, split), by_outer, gate])
+        return np.concatenate([by_net, shrink])
 
-    theta = least_squares(
+    found = least_squares(
         residuals, start, jacobian, method="lm", ftol=STANDSTILL, max_nfev=EVALUATIONS
-    ).x
-    w1 = theta[: split - hidden].reshape(n_in, hidden)
-    b1 = theta[split - hidden : split]
-    return w1, b1, theta[split:-1], float(theta[-1])
+    )
+    first, b1, w2, b2 = np.split(found.x, (split - hidden, split, found.x.size - 1))
+    return first.reshape(n_in, hidden), b1, w2, float(b2[0])

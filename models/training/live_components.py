@@ -26,20 +26,22 @@ def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> Mask:
     nearest places then beat a constant on places left out.
     """
     if len(x) > ROWS:
-        rows = np.sort(np.random.default_rng(0).choice(len(x), ROWS, replace=False))
+        chosen = np.random.default_rng(0).choice(len(x), ROWS, replace=False)
+        rows = np.sort(chosen)
         x = x[rows]
         y = y[rows]
         gate = gate[rows]
         locations = locations[rows]
     _, place = np.unique(locations, return_inverse=True)
-    fold = (np.random.default_rng(0).permutation(place.max() + 1) % FOLDS)[place]
+    drawn = np.random.default_rng(0).permutation(place.max() + 1)
+    fold = drawn[place] % FOLDS
     left = [_nearest(x, y, place)]
     for degree in DEGREES:
         left.append(unexplained(x, y, gate, fold, degree))
     constant = ((y - y.mean(axis=0)) ** 2).sum(axis=0)
+    explained = np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant
     varies = np.ptp(y, axis=0) > 1e-9
-    out: Mask = varies & (np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant)
-    return out
+    return np.asarray(varies & explained)
 
 
 def unexplained(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree: int) -> Array:
@@ -59,8 +61,10 @@ def _nearest(x: Array, y: Array, place: NDArray[np.intp]) -> Array:
     """Sum of squared errors (6,) of the mean of the nearest other places' means."""
     centre = place_means(x[:, :2], place)
     mean = place_means(y, place)
-    distance = ((centre[:, None] - centre[None]) ** 2).sum(axis=-1)
-    np.fill_diagonal(distance, np.inf)
-    near = np.argsort(distance, axis=1)[:, :NEIGHBOURS]
-    error = mean[near].mean(axis=1)[place] - y
+    apart = centre[:, None] - centre
+    square = (apart**2).sum(axis=-1)
+    np.fill_diagonal(square, np.inf)
+    near = np.argsort(square, axis=1)[:, :NEIGHBOURS]
+    forecast = mean[near].mean(axis=1)
+    error = forecast[place] - y
     return np.asarray((error**2).sum(axis=0))

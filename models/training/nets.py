@@ -52,11 +52,12 @@ def choose_decays(
         left = np.full(len(DECAYS), np.inf)
         for i, decay in enumerate(DECAYS):
             left[i] = _unexplained(problem, component, fold, decay, seed)
-            progress("weight decay", len(DECAYS) * component + i + 1, 6 * len(DECAYS))
+            tried = len(DECAYS) * component + i + 1
+            progress("weight decay", tried, 6 * len(DECAYS))
             if left[i] > HOPELESS * left.min():
                 break
-        nearly_best = np.flatnonzero(left <= NEARLY * left.min())
-        out[component] = DECAYS[int(nearly_best[0])]
+        strongest = np.argmax(left <= NEARLY * left.min())
+        out[component] = DECAYS[strongest]
     return tuple(out)
 
 
@@ -67,12 +68,12 @@ def _unexplained(problem: Problem, component: int, fold: Index, decay: float, se
     left = 0.0
     for k in range(TRIAL_FOLDS):
         seen = fold != k
+        x = problem.x[seen]
+        net = levenberg.train(x, target[seen], gate[seen], HIDDEN, rng, decay)
+        w1, b1, w2, b2 = net
         unseen = fold == k
-        w1, b1, w2, b2 = levenberg.train(
-            problem.x[seen], target[seen], gate[seen], HIDDEN, rng, decay
-        )
-        net = np.tanh(problem.x[unseen] @ w1 + b1) @ w2 + b2
-        error = gate[unseen] * net - target[unseen]
+        hidden = np.tanh(problem.x[unseen] @ w1 + b1)
+        error = gate[unseen] * (hidden @ w2 + b2) - target[unseen]
         left += float(np.sum(error**2))
     return left
 
@@ -125,9 +126,13 @@ def paper_nets(
     weight = np.repeat(rows.astype(float), len(live), axis=0)
     size = network.genes(HIDDEN)
     if method.startswith("ga-"):
-        seen = np.sort(rng.choice(len(problem), min(len(problem), GA_ROWS), replace=False))
+        few = min(len(problem), GA_ROWS)
+        seen = np.sort(rng.choice(len(problem), few, replace=False))
         small = network.Batch.of(
-            problem.x[None, seen], gate[:, seen], target[:, seen], weight[:, seen]
+            x=problem.x[None, seen],
+            gate=gate[:, seen],
+            y=target[:, seen],
+            weight=weight[:, seen],
         )
         evaluate = partial(network.population_errors, batch=small, hidden=HIDDEN)
         tick = partial(progress, "genetic algorithm")

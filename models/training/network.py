@@ -55,8 +55,9 @@ def _single(values: Array) -> Any:
 def errors(theta: Any, batch: Batch, hidden: int) -> Any:
     """Weighted mean squared error (eq. 11) of nets theta (N, genes), shape (N,)."""
     w1, b1, w2, b2 = unpack(theta, hidden)
-    hidden_layer = torch.tanh(torch.matmul(batch.x, w1) + b1[:, None])
-    y = torch.matmul(hidden_layer, w2[:, :, None])[..., 0] + b2[:, None]
+    inner = torch.matmul(batch.x, w1) + b1[:, None]
+    outer = torch.matmul(torch.tanh(inner), w2[:, :, None])
+    y = outer[..., 0] + b2[:, None]
     error = batch.gate * y - batch.y
     return (batch.weight * error**2).sum(dim=1)
 
@@ -67,10 +68,12 @@ def population_errors(population: Any, batch: Batch, hidden: int) -> Array:
     One net at a time, to stay in the processor's cache.
     """
     out = []
+    nets = torch.as_tensor(population, dtype=torch.float32)
     with torch.no_grad():
-        for i, theta in enumerate(torch.as_tensor(population, dtype=torch.float32)):
+        for i, theta in enumerate(nets):
             own = Batch(batch.x[i : i + 1], batch.gate[i], batch.y[i], batch.weight[i])
-            out.append(errors(theta, own, hidden).numpy())
+            error = errors(theta, own, hidden)
+            out.append(error.numpy())
     return np.array(out)
 
 
@@ -95,13 +98,14 @@ def descend(
         optimiser = torch.optim.Adam([theta], lr=adam_rate)
         last = LAST_ADAM_RATE
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(epochs, 1), eta_min=last)
-    for t in range(1, epochs + 1):
+    for epoch in range(1, epochs + 1):
         optimiser.zero_grad()
-        errors(theta, batch, hidden).sum().backward()
+        total = errors(theta, batch, hidden).sum()
+        total.backward()
         optimiser.step()
         schedule.step()
-        if t % 50 == 0:
-            tick(t, epochs)
+        if epoch % 50 == 0:
+            tick(epoch, epochs)
     return np.asarray(theta.detach().double().numpy())
 
 

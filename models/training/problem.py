@@ -71,7 +71,8 @@ def frame(data: DataSet, live: Mask | None = None) -> Problem:
     law = free_air.fit(data)
     if live is None:
         y = increments(data.wrench, data.rpm, law)
-        x, gate = coordinates.fit(data, y, axisymmetric=False).inputs(data.h, data.d, data.rpm)
+        axes = coordinates.fit(data, y, axisymmetric=False)
+        x, gate = axes.inputs(data.h, data.d, data.rpm)
         live = live_components.live(x, y, gate, data.locations)
     law = _with_constants(law, data, live)
     y = _live_increments(data, law, live)
@@ -126,7 +127,8 @@ def _with_constants(law: FreeAir, data: DataSet, live: Mask) -> FreeAir:
     constant = np.where(np.abs(mean) > free_air.SIGNIFICANT * error, mean, 0.0)
     constant[AXES.index("Fz")] = 1.0
     share = np.where(live, law.share, constant)
-    scatter = np.where(live, law.scatter, np.sqrt(np.mean((ratio - share) ** 2, axis=0)))
+    spread = np.sqrt(np.mean((ratio - share) ** 2, axis=0))
+    scatter = np.where(live, law.scatter, spread)
     return replace(law, share=tuple(share.tolist()), scatter=tuple(scatter.tolist()))
 
 
@@ -146,29 +148,30 @@ def drawn(count: int, most: int, rng: np.random.Generator) -> Index:
 def folds(problem: Problem, count: int, rng: np.random.Generator) -> Index:
     """Fold 0...count-1 of each row, shape (n,); rows of one (h, d) stay together."""
     _, place = np.unique(problem.locations, return_inverse=True)
-    out: Index = rng.permutation(np.arange(place.max() + 1) % count)[place]
-    return out
+    fold = np.arange(place.max() + 1) % count
+    return np.asarray(rng.permutation(fold)[place])
 
 
 def blocks(problem: Problem) -> Index:
     """Group 0...3 of each row, shape (n,): sixteenths of the (h, d) plane, those of one group apart from each other."""
     across = _band(problem.x[:, 0])
     along = _band(problem.x[:, 1])
-    out: Index = 2 * (across % 2) + along % 2
-    return out
+    return 2 * (across % 2) + along % 2
 
 
 def _band(values: Array) -> Index:
     """Which of ``BLOCKS`` bands each value is in, shape (n,), as many distinct values in each."""
     _, order = np.unique(values, return_inverse=True)
-    out: Index = np.minimum(BLOCKS * order // (order.max() + 1), BLOCKS - 1)
-    return out
+    band = BLOCKS * order // (order.max() + 1)
+    return np.asarray(np.minimum(band, BLOCKS - 1))
 
 
 def constant_notes(live: Mask) -> list[str]:
     """Words for components that were learnt as a constant."""
-    return [
-        f"{AXES[c]} does not vary with the place beyond the data's noise: learnt as a constant "
-        "share of the lift, R2 of its increments undefined"
-        for c in np.flatnonzero(~live)
-    ]
+    notes = []
+    for c in np.flatnonzero(~live):
+        notes.append(
+            f"{AXES[c]} does not vary with the place beyond the data's noise: learnt as a constant "
+            "share of the lift, R2 of its increments undefined"
+        )
+    return notes

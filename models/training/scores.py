@@ -19,7 +19,8 @@ def measure(model: FanSurrogate, data: DataSet, live: Mask) -> dict[str, Any]:
     varies = live | (np.ptp(answer.wrench, axis=0) > 1e-9)
     truth = increments(data.wrench, data.rpm, law)
     answered = increments(answer.wrench, data.rpm, law)
-    inside = np.abs(answer.wrench - data.wrench) <= 1.96 * answer.sigma + 1e-12
+    error = np.abs(answer.wrench - data.wrench)
+    inside = error <= 1.96 * answer.sigma + 1e-12
     coverage = np.round(inside.mean(axis=0), 4).tolist()
     return {
         "wrench": scores(data.wrench, answer.wrench, varies),
@@ -32,14 +33,15 @@ def scores(truth: Array, answer: Array, live: Mask) -> dict[str, dict[str, float
     """``{"Fx": {"r2", "mse"}, ...}`` of (n, 6) against (n, 6); r2 None where undefined or the component is not live."""
     r2 = np.where(live, r_squared(truth, answer), np.nan)
     mse = np.mean((truth - answer) ** 2, axis=0)
-    return {axis: {"r2": defined(r2[c]), "mse": float(mse[c])} for c, axis in enumerate(AXES)}
+    out = {}
+    for c, axis in enumerate(AXES):
+        out[axis] = {"r2": defined(r2[c]), "mse": float(mse[c])}
+    return out
 
 
 def defined(value: float) -> float | None:
     """NaN as None, which is null in JSON."""
-    if np.isnan(value):
-        return None
-    return float(value)
+    return None if np.isnan(value) else float(value)
 
 
 def r_squared(truth: Array, answer: Array) -> Array:
@@ -49,6 +51,7 @@ def r_squared(truth: Array, answer: Array) -> Array:
     """
     error = ((truth - answer) ** 2).sum(axis=0)
     variance = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
-    constant = variance <= 1e-18 * len(truth) * np.maximum(np.abs(truth).max(axis=0), 1e-9) ** 2
-    out: Array = np.where(constant, np.nan, 1.0 - error / np.where(constant, 1.0, variance))
-    return out
+    largest = np.maximum(np.abs(truth).max(axis=0), 1e-9)
+    constant = variance <= 1e-18 * len(truth) * largest**2
+    variance = np.where(constant, np.nan, variance)
+    return np.asarray(1.0 - error / variance)

@@ -96,9 +96,9 @@ def train(
         domain=domain.fit(problem.x, part.h, part.d, part.rpm),
         info=info,
     )
-    metrics = _metrics(
-        measure(model, part, problem.live), measure(model, data.take(test), problem.live)
-    )
+    on_learnt = measure(model, part, problem.live)
+    on_tested = measure(model, data.take(test), problem.live)
+    metrics = _metrics(on_learnt, on_tested)
     model.info = {**info, "metrics": metrics}
     run = {"method": method, "seed": seed, "rows": len(data)}
     seconds = round(time.perf_counter() - start, 3)
@@ -140,7 +140,8 @@ def _fit(
     if method in PAPER_METHODS:
         members = fold != np.arange(MEMBERS)[:, None]
         nets = paper_nets(problem, members, method, rng, epochs, progress=progress)
-        return nets, calibration.calibrate([_unseen_folds(problem, nets, fold)], problem.y)
+        unseen = _unseen_folds(problem, nets, fold)
+        return nets, calibration.calibrate([unseen], problem.y)
     again = trainer(problem, method, rng, fold, progress, choices)
     regressor: Regressor
     if method == "ensemble":
