@@ -314,9 +314,10 @@ def copies(log: FlightLog, ctx: Context, motion: Trajectory, flying: Mask) -> li
     samples, count = values.shape
     if count < 2 or samples < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:
         return []
-    turning = np.nanstd(motion.gyro[flying, :2], axis=0)
-    if vehicle.telemetered and not turning.max() > TURNS_RAD_S:
-        return []
+    if vehicle.telemetered:
+        turning = np.nanstd(motion.gyro[flying, :2], axis=0)
+        if not turning.max() > TURNS_RAD_S:
+            return []
     return [LogFault(_channel(vehicle, 0), what)]
 
 

@@ -416,8 +416,8 @@ def test_a_vehicle_file_whose_lift_did_not_fly_is_said(ask, tmp_path):
     assert told.answer["log_faults"][0]["channel"] == "vehicle file"
 
 
-def test_outputs_that_are_not_sent_warn_of_nothing(recwarn):
-    """A PX4 log may hold outputs that are NaN in every row."""
+def test_outputs_that_are_not_sent_or_never_fly_warn_of_nothing(recwarn):
+    """A PX4 log may hold outputs that are NaN in every row; on a bench nothing flies."""
     outputs = Series(np.arange(50) / 10.0, np.full((50, 16), np.nan))
     log = FlightLog(path=Path("x"), system=1, boot=0, start_s=0.0, end_s=5.0, servo=outputs)
     quad = load_vehicle(QUAD)
@@ -434,4 +434,7 @@ def test_outputs_that_are_not_sent_warn_of_nothing(recwarn):
         )
     )
     assert copies(log, ctx, SimpleNamespace(), np.ones(50, bool)) == []
+    alike = replace(log, servo=Series(outputs.t_s, np.full((50, 16), 1500.0)))
+    still = SimpleNamespace(gyro=np.zeros((50, 3)))
+    assert copies(alike, ctx, still, np.zeros(50, bool)) != []
     assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]
