@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from replay.search.estimates import DRAWS, SIDE, IntervalEstimate, said
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
 from replay.search.significance import Contributions, beyond_bounds, tops
-from replay.search.terms import Term
+from replay.search.terms import Shape, Term
 from replay.search.thresholds import SURE as MOST_SURE
 from replay.search.thresholds import TRUST
 from replay.search.walk import walk
@@ -109,30 +109,38 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     last = len(flights) - 1
     shapes = {}
     for adopted in good.found:
-        own = get(adopted.name).shapes
-        shapes[adopted.name] = tuple(adopted.parameters[s.name] for s in own)
-    effects = []
-    for effect in _without_remainder():
-        # A load counts as a change; the weather of a flight is in the spread.
-        if not effect.belongs_to.of_day or effect.name in shapes:
-            effects.append(_with_shape(_shared(effect), shapes.get(effect.name)))
-    for effect in catalogue():
-        if effect.belongs_to in OF_A_VEHICLE and not effect.law:
-            effects.append(_changed(effect, effect.name in shapes, today.context))
+        parameters = get(adopted.name).shapes
+        shapes[adopted.name] = tuple(adopted.parameters[s.name] for s in parameters)
+    effects = [*_common(shapes), *_changes_of(shapes, today.context)]
     spread = []
     for flight in flights:
         spread.append([size.wrench(flight) for size in good.sizes])
-    evidence = Evidence(Library(flights, effects, spread))
+    evidence = Evidence(Library(flights, effects, more_trims=spread))
     candidates = []
     start = []
-    for i, term in enumerate(evidence.library.terms):
+    for number, term in enumerate(evidence.library.terms):
         if term.effect is None:
             continue
         if term.flight in (None, last):
-            candidates.append(i)
+            candidates.append(number)
         if term.flight is None and term.shape == shapes.get(term.name):
             start.append(term)
     return evidence, candidates, evidence.fit(start, evidence.noises.unfitted)
+
+
+def _common(shapes: Mapping[str, Shape]) -> Iterator[Effect]:
+    """What all flights may have in common, in the known shapes."""
+    for effect in _without_remainder():
+        # A load counts as a change; the weather of a flight is in the spread.
+        if not effect.belongs_to.of_day or effect.name in shapes:
+            yield _with_shape(_shared(effect), shapes.get(effect.name))
+
+
+def _changes_of(shapes: Mapping[str, Shape], today: Context) -> Iterator[Effect]:
+    """What may have changed since, of effects that were known or not."""
+    for effect in catalogue():
+        if effect.belongs_to in OF_A_VEHICLE and not effect.law:
+            yield _changed(effect, effect.name in shapes, today)
 
 
 def _without_remainder() -> list[Effect]:
@@ -167,14 +175,14 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
 
 def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Fit]]:
     """A set with one term more, the last, and what that gains, for the most promising ones."""
-    taken = {t.key for t in fit.terms}
     terms = evidence.library.terms
-    wanted = []
-    for i in candidates:
-        if terms[i].key not in taken and not _other_shape(terms[i], fit):
-            wanted.append(i)
+    possible = []
+    for number in candidates:
+        term = terms[number]
+        if term.key not in fit.key and not _other_shape(term, fit):
+            possible.append(number)
     out = []
-    for _, term in evidence.promising(fit, wanted)[:TRIED]:
+    for _, term in evidence.promising(fit, possible)[:TRIED]:
         grown = evidence.fit([*fit.terms, term], fit.noise)
         if term.flight is None or _stands_out(evidence, grown, term):
             out.append((_log_odds(evidence, grown, fit, term), grown))
@@ -228,13 +236,19 @@ def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
     part = fit.part(term)
     place = term.place(term.flight)
     mean = fit.sizes(term, term.flight)
-    sd = np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
+    variance = np.diag(fit.cov[part, part])[place] / TRUST
+    sd = np.sqrt(variance) * term.scale[place]
     low = mean - SIDE * sd
     high = mean + SIDE * sd
     out = []
-    for i, c in enumerate(term.named.coefficients):
-        interval = float(low[i]), float(high[i])
-        out.append(IntervalEstimate(name=c.name, value=float(mean[i]), ci95=interval, unit=c.unit))
+    for i, coefficient in enumerate(term.named.coefficients):
+        estimate = IntervalEstimate(
+            name=coefficient.name,
+            value=float(mean[i]),
+            ci95=(float(low[i]), float(high[i])),
+            unit=coefficient.unit,
+        )
+        out.append(estimate)
     for s, value in zip(term.named.shapes, term.shape, strict=True):
         out.append(IntervalEstimate(name=s.name, value=value, ci95=None, unit=s.unit))
     return tuple(out)
@@ -243,13 +257,17 @@ def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:
 def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     """Whether a possible size that makes the effect is clearly not zero, and does a hundredth of the weight."""
     b = fit.b[fit.part(term)]
-    if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
+    impossible = (b < term.low) | (b > term.high)
+    if impossible[term.main > 0.0].any():
         return False
     main = [e for e in _estimates(fit, term) if e.name in term.named.main_names]
     if all(e.holds_zero for e in main):
         return False
-    u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
-    return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())
+    design = Design(evidence.library, fit.terms)
+    contributions = Contributions(design, fit.b, fit.cov)
+    sizes = tops(contributions, contributions.main)
+    of_term = sizes[fit.terms.index(term)]
+    return bool((of_term > 1.0).any())
 
 
 def _shared(effect: Effect) -> Effect:
@@ -292,7 +310,7 @@ def _from_the_start(effect: Effect) -> Effect:
     return replace(effect, search=replace(effect.search, may_begin=False))
 
 
-def _with_shape(effect: Effect, shape: tuple[float, ...] | None) -> Effect:
+def _with_shape(effect: Effect, shape: Shape | None) -> Effect:
     if shape is None:
         return effect
     return replace(effect, grid=lambda _: (shape,))
