@@ -27,7 +27,13 @@ from replay.search.design import Design
 from replay.search.library import Library
 from replay.search.noise import Noise, NoiseModel
 from replay.search.screening import Screening, WhitenedChannels
-from replay.search.significance import Contributions, beyond_bounds, form_variance, standing, worth
+from replay.search.significance import (
+    Contributions,
+    beyond_bounds,
+    form_variance,
+    log_significance,
+    standing,
+)
 from replay.search.terms import Key, Term
 from replay.search.thresholds import TRUST
 
@@ -57,9 +63,9 @@ V = TypeVar("V")
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    score = TRUST evidence + within + worth + prior. ``evidence``: log marginal likelihood.
-    ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
-    the terms, and log prior of the noise.
+    score = TRUST evidence + within + significance + prior. ``evidence``: log marginal likelihood.
+    ``within``: log share of it within the bounds. ``significance``: log share of what deserves a name. ``prior``: log
+    odds of the terms, and log prior of the noise.
     """
 
     terms: tuple[Term, ...]
@@ -68,13 +74,13 @@ class Fit:
     noise: Noise
     evidence: float = 0.0
     within: float = 0.0
-    worth: float = 0.0
+    significance: float = 0.0
     prior: float = 0.0
 
     @property
     def score(self) -> float:
         """Log posterior of the set, up to a constant."""
-        return self.promise + self.worth
+        return self.promise + self.significance
 
     @property
     def promise(self) -> float:
@@ -168,14 +174,14 @@ class Evidence:
             noise=noise,
             evidence=self._laplace(design, mean, cov, log_likelihood),
             within=beyond_bounds(terms, mean, cov),
-            worth=worth(contributions),
+            significance=log_significance(contributions),
             prior=sum(t.prior for t in terms) - loudness,
         )
 
-    def deserved(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
-        """``within`` and ``worth`` of a set beside a given noise; where it is below ``least``, something below that.
+    def log_factors(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
+        """``within`` and ``significance`` of a set beside a given noise; something below ``least`` where they are.
 
-        At most ``possible``.
+        At most ``most_log_factors``.
         """
         terms = in_order(terms)
         design = self._design(terms)
@@ -183,7 +189,7 @@ class Evidence:
         within = beyond_bounds(terms, mean, cov)
         if within < least:
             return within
-        return within + worth(Contributions(design, mean, cov))
+        return within + log_significance(Contributions(design, mean, cov))
 
     def stands_out(self, fit: Fit, term: Term) -> float:
         """How far a further term would do so, beside a set and its noise: 1 is just enough to be named.
@@ -199,8 +205,8 @@ class Evidence:
         return float(z[0])
 
     @staticmethod
-    def possible(terms: Sequence[Term]) -> float:
-        """What ``deserved`` is where every coefficient is surely within its bounds, and every term worth a name."""
+    def most_log_factors(terms: Sequence[Term]) -> float:
+        """What ``log_factors`` is where every coefficient is surely within its bounds, and every term worth a name."""
         return -sum(t.log_within for t in terms)
 
     def refit(

@@ -27,7 +27,7 @@ from replay.search.thresholds import NAMED, OWN, TRUST
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""
 _NAMED_SIZE = 1.0
-"""Smallest top of a named contribution, in hundredths of the weight (worth.standing)."""
+"""Smallest top of a named contribution, in hundredths of the weight (``significance.standing``)."""
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ class Walked:
         fit = next((f for f in self.ranked() if name in f.effects), None)
         if fit is None:
             return "no better than chance"
-        if fit.worth < -1.0:
+        if fit.significance < -1.0:
             return "too small beside the other effects"
         if fit.evidence < self.best.evidence + 1.0:
             return "the other effects fit as well without it"

@@ -107,7 +107,7 @@ def form_variance(u: Contributions) -> Array:
     return np.concatenate(out)
 
 
-def worth(u: Contributions) -> float:
+def log_significance(u: Contributions) -> float:
     """Log factor of a set for what is too small to be named, softly, and for what cancels.
 
     - 1/2 sum max((1 - z) / SOFT, 0)^2 - CANCEL_COST max(k - CANCEL, 0)

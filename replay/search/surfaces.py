@@ -35,7 +35,9 @@ def with_surface_law(walked: Walked) -> Walked:
         mapped = max(candidates, key=lambda fit: round(fit.promise, 6))
         odds = mapped.promise - best.promise
         if odds > MARGIN:
-            return replace(walked, best=replace(mapped, worth=best.worth), map_log_odds=odds)
+            return replace(
+                walked, best=replace(mapped, significance=best.significance), map_log_odds=odds
+            )
     return walked
 
 

@@ -169,7 +169,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     new = sets.weigh([*fit.terms, term], fit)
     if new.score > fit.score:
         return new
-    if_possible_and_large = new.score - new.worth - min(new.within, 0.0)
+    if_possible_and_large = new.score - new.significance - min(new.within, 0.0)
     if if_possible_and_large <= fit.score:
         return new
     for other in _other_shapes(sets.evidence, fit, term):
@@ -191,8 +191,8 @@ def _other_shapes(evidence: Evidence, fit: Fit, term: Term) -> list[Term]:
         together = [*fit.terms, shape]
         by_fit = odds_by_fit[shape]
         least = best - ALIAS_NATS - by_fit
-        if by_fit > WORTH_A_LOOK and evidence.possible(together) > least:
-            odds[shape] = by_fit + evidence.deserved(together, fit.noise, least)
+        if by_fit > WORTH_A_LOOK and evidence.most_log_factors(together) > least:
+            odds[shape] = by_fit + evidence.log_factors(together, fit.noise, least)
             best = max(best, odds[shape])
     likeliest = sorted(odds, key=lambda t: -odds[t])
     return [shape for shape in likeliest[:SHAPES] if odds[shape] > best - ALIAS_NATS]

@@ -594,7 +594,7 @@ def test_near_ties_go_to_fewer_terms_and_a_part_needs_more() -> None:
 
 def test_a_set_that_grows_keeps_what_is_not_worth_a_name_yet() -> None:
     (fit,) = sets(a=10.0)
-    fit = replace(fit, worth=-2000.0)
+    fit = replace(fit, significance=-2000.0)
     assert fit.score == pytest.approx(-1990.0)
     assert fit.promise == pytest.approx(10.0)
 

@@ -30,7 +30,7 @@ class Fitted:
 
     terms: tuple[Named, ...]
     promise: float
-    worth: float = 0.0
+    significance: float = 0.0
 
     @property
     def names(self) -> set[str]:
