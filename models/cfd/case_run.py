@@ -127,9 +127,9 @@ class _Case:
         if self.cells:
             # A run that was stopped within a chunk leaves states that may be cut short.
             reached = self.iterations + self.steps * self.setup.solver.time_step_s
-            foam.forget(
-                self.folder, [t for t in foam.times(self.folder) if float(t) > reached + 1e-6]
-            )
+            states = foam.times(self.folder)
+            later = [state for state in states if float(state) > reached + 1e-6]
+            foam.forget(self.folder, later)
             return
         shutil.rmtree(self.folder, ignore_errors=True)
         case.write(self.folder, self.setup, self.position, blades)
@@ -138,22 +138,23 @@ class _Case:
         for what in ("writeCellVolumes", "writeCellCentres"):
             foam.run(self.folder, "postProcess", "-func", what, "-time", "0")
         self.cells = len(foam.read_field(self.folder / "0/V"))
-        if neighbour is not None and neighbour.is_dir() and (states := foam.times(neighbour)):
-            self._start_from(neighbour, states[-1])
+        if neighbour is not None and neighbour.is_dir():
+            states = foam.times(neighbour)
+            if states:
+                self._start_from(neighbour, states[-1])
         self._keep()
 
     def _start_from(self, neighbour: Path, state: str) -> None:
         """Map a state of another case onto this mesh; copy and scale it where only the speed differs."""
         self.start = neighbour.name
-        (mesh, _, there), (my_mesh, _, _) = (
-            name.rpartition("_n") for name in (neighbour.name, self.folder.name)
-        )
-        if mesh == my_mesh:
+        mesh, _, rpm = neighbour.name.rpartition("_n")
+        own_mesh, _, _ = self.folder.name.rpartition("_n")
+        if mesh == own_mesh:
+            faster = self.position.rpm / float(rpm)
             for name, power in SPEED_POWER.items():
-                shutil.copy(neighbour / state / name, self.folder / "0" / name)
-                foam.scale_field(
-                    self.folder / "0" / name, (self.position.rpm / float(there)) ** power
-                )
+                field = self.folder / "0" / name
+                shutil.copy(neighbour / state / name, field)
+                foam.scale_field(field, faster**power)
             return
         case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
         foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", state)
@@ -163,7 +164,8 @@ class _Case:
         solver = self.setup.solver
         limit = iteration_limit(self.setup, self.start)
         while self.steps == 0 and not self._enough() and self.iterations < limit and self.finite():
-            end = self.iterations + (solver.start if self.iterations == 0 else solver.chunk)
+            chunk = solver.chunk if self.iterations else solver.start
+            end = self.iterations + chunk
             self._advance(end, steady=True)
             self.iterations = end
             self._keep()
@@ -190,20 +192,22 @@ class _Case:
         """Turn the states written since the last chunk into samples; keep only the newest on disk."""
         surfaces = foam.surface_loads(self.folder)
         states = foam.times(self.folder)
-        volume, centre = (foam.read_field(self.folder / "0" / name) for name in ("V", "C"))
+        volume = foam.read_field(self.folder / "0/V")
+        centre = foam.read_field(self.folder / "0/C")
         newest = self.samples[:, 0].max(initial=0.0)
-        for state in (state for state in states if float(state) > newest):
+        for state in states:
             at = float(state)
-            surface = surfaces[min(surfaces, key=lambda t: abs(t - at))]
+            if at <= newest:
+                continue
+            surface = surfaces[min(surfaces, key=lambda other: abs(other - at))]
             # The air's force and moment on each disc: the solver's source per volume and density, summed.
             discs = np.zeros((2, 6))
             for name, zone, _, _ in case.sources(self.position):
                 source = foam.read_field(self.folder / state / f"{name}:rotorForce")
                 force = self.setup.air.density_kg_m3 * source * volume[:, None]
-                discs[case.DISCS.index(zone[:-1])] += [
-                    *force.sum(axis=0),
-                    *np.cross(centre, force).sum(axis=0),
-                ]
+                moment = np.cross(centre, force)
+                disc = case.DISCS.index(zone[:-1])
+                discs[disc] += [*force.sum(axis=0), *moment.sum(axis=0)]
             total = surface + discs.sum(axis=0)
             parts = np.array([*discs[:, 2], surface[2]])
             if not self.position.swirl:  # only one half is meshed
@@ -217,10 +221,7 @@ class _Case:
     def _last(self, chunks: int) -> Array:
         """Samples (n, 6) of the last ``chunks`` chunks."""
         solver = self.setup.solver
-        if self.steps:
-            per_chunk = 8
-        else:
-            per_chunk = solver.chunk // solver.sample_every
+        per_chunk = 8 if self.steps else solver.chunk // solver.sample_every
         return self.samples[-chunks * per_chunk :, 1:7]
 
     def _window(self) -> Array:
@@ -250,12 +251,10 @@ class _Case:
             return False
         drift, swing = _moves(self._last(2))
         limit = self.setup.converged
-        if self.position.place == FREE:
-            most = limit.drift_free
-        else:
-            most = limit.drift
+        most = limit.drift_free if self.position.place == FREE else limit.drift
         still = drift <= self._allowed(most, limit.drift_of_effect)
-        return bool(np.all(still) and np.all(swing <= self._allowed_swing()))
+        calm = swing <= self._allowed_swing()
+        return bool(np.all(still & calm))
 
     def averaged(self) -> bool:
         """True where a flow that swings on in time has a mean that is known: blocks enough and a small error."""
@@ -274,7 +273,8 @@ class _Case:
             return False
         before = np.ptp(last[:half], axis=0) / 2
         now = np.ptp(last[half:], axis=0) / 2
-        return bool(np.any((now > self._allowed_swing()) & (now > STILL_SWINGING * before)))
+        lasts = now > STILL_SWINGING * before
+        return bool(np.any(lasts & (now > self._allowed_swing())))
 
     def finite(self) -> bool:
         """True while the wrench is of a size a fan can have."""
@@ -284,10 +284,9 @@ class _Case:
         if not self.finite():
             return "diverged"
         if self.settled():
-            if self.steps:
-                return "marched"
-            return "steady"
-        if np.all(_moves(self._last(2))[1] <= self._allowed_swing()):
+            return "marched" if self.steps else "steady"
+        _, swing = _moves(self._last(2))
+        if np.all(swing <= self._allowed_swing()):
             return "drifting"
         if self.averaged():
             return "averaged"
@@ -330,7 +329,8 @@ class _Case:
     def _keep(self) -> None:
         target = self.folder / STATE
         scratch = target.with_suffix(".tmp.npz")
-        np.savez(scratch, samples=self.samples, **{name: getattr(self, name) for name in KEPT})
+        kept = {name: getattr(self, name) for name in KEPT}
+        np.savez(scratch, samples=self.samples, **kept)
         scratch.replace(target)
 
 
@@ -339,9 +339,8 @@ def _moves(samples: Array) -> tuple[Array, Array]:
     if len(samples) < 2:
         return np.full(6, np.inf), np.full(6, np.inf)
     half = len(samples) // 2
-    return np.abs(samples[half:].mean(axis=0) - samples[:half].mean(axis=0)), np.ptp(
-        samples, axis=0
-    ) / 2
+    drift = np.abs(samples[half:].mean(axis=0) - samples[:half].mean(axis=0))
+    return drift, np.ptp(samples, axis=0) / 2
 
 
 def _floats(values: Array) -> tuple[float, ...]:
@@ -362,7 +361,8 @@ def error_of_mean(samples: Array) -> Array:
     while len(samples) // size >= LEAST_BLOCKS:
         blocks = len(samples) // size
         # What does not fill a block is left out at the start, where the run is least settled.
-        means = samples[len(samples) - blocks * size :].reshape(blocks, size, -1).mean(axis=1)
+        kept = samples[len(samples) - blocks * size :]
+        means = kept.reshape(blocks, size, -1).mean(axis=1)
         found.append(means.std(axis=0, ddof=1) / np.sqrt(blocks))
         size *= 2
     out: Array = np.max(found[-BLOCK_SIZES:], axis=0)

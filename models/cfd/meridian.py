@@ -44,10 +44,7 @@ class Meridian:
         self.lip = fan.lip_thickness / 2
         lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
         upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
-        if math.isfinite(position.h):
-            bottom = -position.h
-        else:
-            bottom = -mesh.far_below
+        bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
         # Row 6 lies at 45 deg of the lip.
         lip_z = self.centre + self.lip * math.sin(LIP_TURN)
         self.z = np.array([bottom, fan.exit_height, *lower, *upper, lip_z, mesh.far])
@@ -61,29 +58,21 @@ class Meridian:
     def cap(self) -> Array:
         """Points (n, 2) over the top of the lip from 45 deg inside to 45 deg outside."""
         t = np.linspace(math.pi - LIP_TURN, LIP_TURN, 2 * CURVE_POINTS + 2)[1:-1]
-        return np.column_stack(
-            [1 + self.lip + self.lip * np.cos(t), self.centre + self.lip * np.sin(t)]
-        )
+        radius = 1 + self.lip + self.lip * np.cos(t)
+        z = self.centre + self.lip * np.sin(t)
+        return np.column_stack([radius, z])
 
     def flank(self, *, outer: bool) -> Array:
         """Points (n, 2) from the upper disc's height up the straight part and to 45 deg of the lip."""
         crest = 1 + self.lip
-        if outer:
-            reach = self.lip
-        else:
-            reach = -self.lip
-        if outer:
-            r0 = self.skin[5]
-        else:
-            r0 = 1.0
-        z0 = self.z[5]
-        straight = np.linspace(0, 1, 6)[1:, None] * [crest + reach - r0, self.centre - z0] + [
-            r0,
-            z0,
-        ]
+        reach = self.lip if outer else -self.lip
+        start = np.array([self.skin[5] if outer else 1.0, self.z[5]])
+        foot = np.array([crest + reach, self.centre])
+        straight = np.linspace(0, 1, 6)[1:, None] * (foot - start) + start
         t = np.linspace(0, LIP_TURN, CURVE_POINTS + 1)[1:-1]
-        bend = np.column_stack([crest + reach * np.cos(t), self.centre + self.lip * np.sin(t)])
-        return np.concatenate([straight, bend])
+        radius = crest + reach * np.cos(t)
+        z = self.centre + self.lip * np.sin(t)
+        return np.concatenate([straight, np.column_stack([radius, z])])
 
     def grade_z(self, row: int) -> str:
         """Grading of a row's cells in height."""
@@ -111,10 +100,9 @@ class Meridian:
         skin = np.zeros(8)
         bore[1] = fan.exit_radius
         inside = (self.z > fan.exit_height) & (self.z < 0.0)
-        bore[inside] = (
-            fan.exit_radius
-            + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
-        )
+        above_exit = self.z[inside] - fan.exit_height
+        narrower = (1 - fan.exit_radius) * above_exit / -fan.exit_height
+        bore[inside] = fan.exit_radius + narrower
         along = (self.z[1:6] - fan.exit_height) / (self.centre - fan.exit_height)
         skin[1:6] = fan.exit_skin + along * (fan.lip_radius - fan.exit_skin)
         bore[6] = 1 + gone
@@ -131,12 +119,8 @@ class Meridian:
         gap = self.z[1] - self.z[0]
         # Few cells in a thin gap, the full number from 3 R on.
         below = mesh.below * min(1.0, 0.45 + 0.55 * gap / 3.0)
-        duct = []
-        for i, c in enumerate(mesh.duct):
-            if i in (1, 3):
-                duct.append(LAYERS)
-            else:
-                duct.append(self.n(c))
+        duct = list(map(self.n, mesh.duct))
+        duct[LOWER_ROW - 1] = duct[UPPER_ROW - 1] = LAYERS
         return [self.n(below), *duct, self.n(mesh.above)]
 
 
@@ -149,6 +133,7 @@ def growing(length: float, cells: int, first: float, *, downwards: bool = False)
     """Expansion (last over first cell) for which the first of ``cells`` cells over ``length`` measures ``first``."""
     if first * cells >= length:
         return "1"
-    ratio = brentq(lambda r: first * np.sum(r ** np.arange(cells)) - length, 1.0, 3.0)
+    places = np.arange(cells)
+    ratio = brentq(lambda r: first * np.sum(r**places) - length, 1.0, 3.0)
     expansion = ratio ** (cells - 1)
     return f"{1 / expansion if downwards else expansion:.6g}"

@@ -127,18 +127,11 @@ class _Builder:
         return self._cartesian(row, radius * math.cos(angle), radius * math.sin(angle))
 
     def _on_box(self, row: int, angle: float) -> int:
-        c = math.cos(angle)
         s = math.sin(angle)
         box = self.setup.mesh.box
-        if c > 0:
-            x = self.box_right
-        else:
-            x = -box
+        x = self.box_right if math.cos(angle) > 0 else -box
         # Only the mirror plane's two points and the four corners occur.
-        if abs(s) < 1e-9:
-            y = 0.0
-        else:
-            y = math.copysign(box, s)
+        y = 0.0 if abs(s) < 1e-9 else math.copysign(box, s)
         return self._cartesian(row, x, y)
 
     def _cartesian(self, row: int, x: float, y: float) -> int:
@@ -162,16 +155,14 @@ class _Builder:
         mesh = self.setup.mesh
         lo = self._corners(row, column, a, b)
         hi = self._corners(row + 1, column, a, b)
+        zone = ""
         if column == 1:
             zone = {LOWER_ROW: "lowerDisc", UPPER_ROW: "upperDisc"}.get(row, "")
-        else:
-            zone = ""
-        count = self.n((mesh.hub, mesh.bore, mesh.lip, mesh.ring)[column])
+        grade_r = self.meridian.grade_r(column)
         if column == 3 and self.wall_at_box:
             grade_r = both_ends(3.0)
-        else:
-            grade_r = self.meridian.grade_r(column)
-        cells = [count, self.around, self.rows[row]]
+        counts = (mesh.hub, mesh.bore, mesh.lip, mesh.ring)
+        cells = [self.n(counts[column]), self.around, self.rows[row]]
         self.out.block([*lo, *hi], zone, cells, [grade_r, "1", self.grade_z(row)])
         self.out.sides([*lo, *hi], RING_SIDES)
         for corners, r in ((lo, row), (hi, row + 1)):
@@ -182,12 +173,13 @@ class _Builder:
         self._lip(row, column, (a, b), lo, hi)
 
     def _corners(self, r: int, column: int, a: float, b: float) -> list[int]:
-        inner = [self._on_circle(r, self.radii[column][r], t) for t in (a, b)]
+        inner = self.radii[column][r]
+        near_a = self._on_circle(r, inner, a)
+        near_b = self._on_circle(r, inner, b)
         if column == 3:
-            outer = [self._on_box(r, t) for t in (a, b)]
-        else:
-            outer = [self._on_circle(r, self.radii[column + 1][r], t) for t in (a, b)]
-        return [inner[0], outer[0], outer[1], inner[1]]
+            return [near_a, self._on_box(r, a), self._on_box(r, b), near_b]
+        outer = self.radii[column + 1][r]
+        return [near_a, self._on_circle(r, outer, a), self._on_circle(r, outer, b), near_b]
 
     def _arc(self, p: int, q: int, row: int, line: int, a: float, b: float) -> None:
         radius = self.scale_m * self.radii[line][row]
@@ -202,21 +194,18 @@ class _Builder:
         line = self.meridian
         for angle, near, far in zip(angles, (0, 3), (1, 2), strict=True):
             if (row, column) == (5, 1):
-                p = lo[far]
-                q = hi[far]
+                ends = (lo[far], hi[far])
                 points = line.flank(outer=False)
             elif (row, column) == (5, 3):
-                p = lo[near]
-                q = hi[near]
+                ends = (lo[near], hi[near])
                 points = line.flank(outer=True)
             elif (row, column) == (6, 2):
-                p = lo[near]
-                q = lo[far]
+                ends = (lo[near], lo[far])
                 points = line.cap()
             else:
                 return
             radius, z = self.scale_m * points.T
-            self.out.curve(p, q, radius, z, angle)
+            self.out.curve(*ends, radius, z, angle)
 
     # Outside the box
 
@@ -234,9 +223,8 @@ class _Builder:
             room = self.right - self.box_right
             share = min(1.0, 0.35 + 0.65 * room / (far - box))
             cells = max(3, round(n_outer * share))
-            if math.isfinite(self.position.d):
-                grading = both_ends(2.0)
-            else:
+            grading = both_ends(2.0)
+            if math.isinf(self.position.d):
                 grading = growing(room, cells, 0.2)
             columns.append((self.box_right, self.right, cells, grading))
         for k, (x0, x1, nx, gx) in enumerate(columns):
