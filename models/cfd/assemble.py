@@ -142,13 +142,12 @@ class _Maker:
 
     def _free(self, rpm: float) -> Array:
         """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
+        model = self.half
         if self.mixed[2] and FREE in self.full[rpm]:
             model = self.full
-        else:
-            model = self.half
-        ratio = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
-        out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
-        return out
+        growth = np.full(6, (rpm / self.rpm) ** 2)
+        growth[2] = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
+        return np.asarray(self.base * growth)
 
     def _solved(self, place: Place, rpm: float) -> bool:
         """Whether a full model gives the row."""
@@ -174,9 +173,8 @@ class _Maker:
             return None
         half = added(self.half[rpm], place)
         square = (rpm / self.rpm) ** 2
-        if alone or rpm == self.rpm or place not in self.half[self.rpm]:
-            whole = None
-        else:
+        whole = None
+        if not alone and rpm != self.rpm and place in self.half[self.rpm]:
             whole = self._full(place, self.rpm)
         if whole is not None:
             change = whole.wrench - added(self.half[self.rpm], place).wrench
@@ -187,20 +185,15 @@ class _Maker:
                 sigma=np.hypot(half.sigma, square * whole.sigma),
                 status=half.status,
             )
-        if alone:
-            change = self.correction.left_out(place)
-        else:
-            change = self.correction.at(place)
-        sigma = np.hypot(half.sigma, square * self.correction.error_at(place))
+        correction = self.correction
+        change = correction.left_out(place) if alone else correction.at(place)
+        sigma = np.hypot(half.sigma, square * correction.error_at(place))
         return replace(half, wrench=half.wrench + square * change, sigma=sigma)
 
     def _by_law(self, place: Place, rpm: float, alone: bool = False) -> Label | None:
         """From the campaign's speed; None without a half model where that is asked ``alone``."""
-        half = self._half(place, self.rpm, alone)
-        if alone:
-            base = half
-        else:
-            base = self._full(place, self.rpm) or half
+        base = None if alone else self._full(place, self.rpm)
+        base = base or self._half(place, self.rpm, alone)
         if base is None:
             return None
         square = (rpm / self.rpm) ** 2
@@ -242,12 +235,14 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
         x = at_reference[:, k]
         y = elsewhere[:, k]
         exponent[k] = _exponent(logs, x, y)
-        drop = []
+        # The jackknife: the spread over fits that lack one place each.
+        without = []
         for i in range(len(x)):
             rest = np.arange(len(x)) != i
-            drop.append(_exponent(logs[rest], x[rest], y[rest]))
-        error[k] = math.sqrt((len(x) - 1) * np.var(drop))
-        left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
+            without.append(_exponent(logs[rest], x[rest], y[rest]))
+        error[k] = math.sqrt((len(x) - 1) * np.var(without))
+        missed = y - x * np.exp(exponent[k] * logs)
+        left[k] = math.sqrt(np.mean(missed**2))
     positions = len({place for _, place in pairs})
     return Law(exponent, error, left, positions, free=_free_exponent(base, others, reference))
 
@@ -281,20 +276,17 @@ def mesh_error(rows: Sequence[Row], setup: Setup) -> Array:
     found: dict[Place, dict[float, Array]] = {}
     for row in rows:
         p = row.position
-        usable = (
-            p.model == "half"
-            and p.rpm == c.rpm
-            and p.approach == "near"
-            and math.isfinite(row.result.wrench[2])
-        )
-        if usable and p.level in levels and p.place in c.grid_at:
-            found.setdefault(p.place, {})[p.level] = np.array(row.result.wrench)
+        wrench = np.array(row.result.wrench)
+        of_campaign = not p.swirl and p.rpm == c.rpm and p.approach == "near"
+        on_grid = p.level in levels and p.place in c.grid_at
+        if of_campaign and on_grid and math.isfinite(wrench[2]):
+            found.setdefault(p.place, {})[p.level] = wrench
     free = found.pop(FREE, {})
     halves = []
     for by_level in found.values():
         if len(by_level) == len(free) == len(levels):
-            added = [by_level[level] - free[level] for level in levels]
-            halves.append(np.ptp(added, axis=0) / 2)
+            increments = [by_level[level] - free[level] for level in levels]
+            halves.append(np.ptp(increments, axis=0) / 2)
     if not halves:
         return np.zeros(6)
     return np.asarray(np.sqrt(np.mean(np.square(halves), axis=0)))
@@ -313,7 +305,8 @@ def write_marks(path: Path, made: Assembled) -> None:
     numbers = chain.from_iterable(map(six, kinds))
     out.writerow(["h_m", "d_m", "rpm", "made", "status", "starts", *numbers])
     for row, mark in zip(made.table, made.marks, strict=True):
-        place = [f"{v:.6g}" for v in row[:3]]
-        errors = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
-        out.writerow([*place, mark.made, mark.status, mark.starts, *errors])
+        place = [f"{value:.6g}" for value in row[:3]]
+        errors = np.concatenate([mark.amplitude, mark.scatter, mark.sigma])
+        texts = [f"{error:.3g}" for error in errors]
+        out.writerow([*place, mark.made, mark.status, mark.starts, *texts])
     path.write_text(text.getvalue(), encoding="utf-8")

@@ -35,6 +35,8 @@ LEAST_FADE = 1e-3
 """The prior without ground over that at h = 1 R: above zero, so that a set without any ground can be learnt."""
 APART = 0.08
 """Where a wall counts, places nearer than this, in the same coordinates, are left out together."""
+SMALLEST = np.finfo(float).tiny
+"""Keeps what is divided by above zero."""
 TINY = 1e-12
 """Variance [N^2, N^2 m^2] far below that of any place."""
 TOGETHER = 0.5
@@ -82,7 +84,6 @@ class Correction:
         """
         if place == FREE or not self.places:
             return np.zeros(6)
-        tiny = np.finfo(float).tiny
         x = _coordinates(self.places)
         here = near(place)[None, :]
         weight = self._nearness(place, here, x)
@@ -90,19 +91,21 @@ class Correction:
         squares = np.where(shape > 0.0, shape**2, np.inf)
         missed = self.missed**2 / squares
         known = self.error_of_change**2 / squares
-        usual = weight @ self.missed**2 / np.maximum(weight @ shape**2, tiny)
+        usual = weight @ self.missed**2 / np.maximum(weight @ shape**2, SMALLEST)
         # A variance is known to a variance of twice its square.
-        share = np.where(shape > 0.0, weight[:, None], 0.0) / (known + usual + TINY) ** 2
-        share /= np.maximum(share.sum(axis=0), tiny)
-        excess = (share * (missed - known)).sum(axis=0)
-        doubt = np.sqrt(2.0 * ((share * known) ** 2).sum(axis=0))
-        out: Array = _shape(here)[0] * np.sqrt(np.maximum(excess, 0.0) + doubt)
-        return out
+        counts = np.where(shape > 0.0, weight[:, None], 0.0)
+        share = counts / (known + usual + TINY) ** 2
+        share /= np.maximum(share.sum(axis=0), SMALLEST)
+        excess = np.sum(share * (missed - known), axis=0)
+        doubt = np.sqrt(2.0 * np.sum((share * known) ** 2, axis=0))
+        size = np.sqrt(np.maximum(excess, 0.0) + doubt)
+        return np.asarray(_shape(here)[0] * size)
 
     def _nearness(self, place: Place, here: Array, x: Array) -> Array:
         """Weights (n,) of the places for another: of those with ground as it has, or without as it has none."""
-        weight: Array = _rbf(here, x, NEAR)[0] + np.finfo(float).tiny
-        alike = np.array([math.isinf(p[0]) == math.isinf(place[0]) for p in self.places])
+        weight: Array = _rbf(here, x, NEAR)[0] + SMALLEST
+        heights = np.array([h for h, _ in self.places])
+        alike = np.isinf(heights) == math.isinf(place[0])
         if alike.any():
             weight[~alike] = 0.0
         return weight
@@ -122,8 +125,7 @@ class Correction:
         if place not in self.places:
             return self.at(place)
         i = self.places.index(place)
-        out: Array = self.change[i] - self.missed[i]
-        return out
+        return np.asarray(self.change[i] - self.missed[i])
 
     def component(self, k: int) -> _Component:
         """What is known of one component."""
@@ -157,7 +159,8 @@ def learn(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correctio
         data = bare.component(k)
         left_out = data.left_out()
         gain = (change[:, k] ** 2 - left_out**2) * data.weight
-        sure = np.mean(gain) > SIGNIFICANT * np.std(gain, ddof=1) / math.sqrt(len(gain))
+        error = np.std(gain, ddof=1) / math.sqrt(len(gain))
+        sure = np.mean(gain) > SIGNIFICANT * error
         if sure or not np.any(change[:, k]):
             missed[:, k] = left_out
             choice[k] = data.choose()
@@ -181,7 +184,8 @@ class _Component:
         if choice is None or not np.any(self.y):
             return 0.0
         known = np.linalg.solve(self._covariance(choice), self.y)
-        return float(_kernel(at[None], self.x, choice, self.wall)[0] @ known)
+        prior = _kernel(at[None], self.x, choice, self.wall)
+        return float(prior[0] @ known)
 
     def choose(self) -> KernelChoice | None:
         """The choice with the least error at points left out one at a time; doubtful points count less.
@@ -203,8 +207,8 @@ class _Component:
     @property
     def weight(self) -> Array:
         """How much a point (n,) counts where errors are compared: doubtful ones less."""
-        out: Array = 1.0 / (np.mean(self.y**2) + self.error**2 + np.finfo(float).tiny)
-        return out
+        variance = np.mean(self.y**2) + self.error**2
+        return np.asarray(1.0 / (variance + SMALLEST))
 
     def left_out(self) -> Array:
         """Residuals (n,) at each point, of processes that do not know it, nor were chosen by it.
@@ -214,13 +218,12 @@ class _Component:
         """
         misses = []
         for i in range(len(self.y)):
-            apart = np.sum((self.x - self.x[i]) ** 2, axis=1)
+            rest = np.arange(len(self.y)) != i
             if self.wall:
-                rest = apart > APART**2
-            else:
-                rest = np.arange(len(self.y)) != i
-            known = _Component(self.x[rest], self.y[rest], self.error[rest], self.wall)
-            misses.append(self.y[i] - known.predict(self.x[i], known.choose()))
+                rest = np.sum((self.x - self.x[i]) ** 2, axis=1) > APART**2
+            others = _Component(self.x[rest], self.y[rest], self.error[rest], self.wall)
+            forecast = others.predict(self.x[i], others.choose())
+            misses.append(self.y[i] - forecast)
         return np.array(misses)
 
     def _covariance(self, choice: KernelChoice) -> Array:
@@ -229,15 +232,14 @@ class _Component:
         A case starts from the state of a neighbour: where the flow tips over, their errors have the same sign.
         """
         single = np.eye(len(self.y))
+        alike = single
         if self.wall:
             alike = (1.0 - TOGETHER) * single + TOGETHER * _rbf(self.x, self.x, NEAR)
-        else:
-            alike = single
         error = self.error[:, None] * alike * self.error
         fade = _fade(self.x, choice.power, self.wall)
+        over_prior = np.sum(fade**2) / np.sum(self.y**2)
         prior = _kernel(self.x, self.x, choice, self.wall)
-        out: Array = prior + choice.noise * single + error * (np.sum(fade**2) / np.sum(self.y**2))
-        return out
+        return np.asarray(prior + choice.noise * single + error * over_prior)
 
 
 def _coordinates(places: tuple[Place, ...]) -> Array:
@@ -245,17 +247,15 @@ def _coordinates(places: tuple[Place, ...]) -> Array:
 
 
 def _rbf(a: Array, b: Array, length: float) -> Array:
-    apart = np.sum((a[:, None, :] - b[None, :, :]) ** 2, axis=2)
-    out: Array = np.exp(-0.5 * apart / length**2)
-    return out
+    apart = np.sum((a[:, None] - b) ** 2, axis=2)
+    return np.asarray(np.exp(-0.5 * apart / length**2))
 
 
 def _fade(x: Array, power: int, wall: bool) -> Array:
     """Prior standard deviation (n,) over that at h = 1 R; of what takes a wall, times 1 / (0.5 + d)."""
-    out: Array = np.maximum((x[:, 0] / near((1.0, math.inf))[0]) ** power, LEAST_FADE)
-    if wall:
-        return out * x[:, 1]
-    return out
+    at_one_radius, _ = near((1.0, math.inf))
+    fade = np.maximum((x[:, 0] / at_one_radius) ** power, LEAST_FADE)
+    return np.asarray(fade * x[:, 1] if wall else fade)
 
 
 def _shape(x: Array) -> Array:
@@ -266,5 +266,4 @@ def _shape(x: Array) -> Array:
 def _kernel(a: Array, b: Array, choice: KernelChoice, wall: bool) -> Array:
     fade_a = _fade(a, choice.power, wall)
     fade_b = _fade(b, choice.power, wall)
-    out: Array = fade_a[:, None] * _rbf(a, b, choice.length) * fade_b[None, :]
-    return out
+    return np.asarray(fade_a[:, None] * _rbf(a, b, choice.length) * fade_b)
