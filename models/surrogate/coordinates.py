@@ -52,11 +52,8 @@ class Coordinates:
             x[:, 2] = 2 * t[2] - 1
         near_h, near_d = (1 - near * near) ** 3
         any_surface = 1 - (1 - near_h) * (1 - near_d)
-        if self.axisymmetric:
-            wall_only = near_d
-        else:
-            wall_only = any_surface
-        return x, np.where(HORIZONTAL, wall_only[:, None], any_surface[:, None])
+        horizontal = near_d if self.axisymmetric else any_surface
+        return x, np.where(HORIZONTAL, horizontal[:, None], any_surface[:, None])
 
 
 def unit(value: Array, low: Array, high: Array) -> Array:
@@ -104,10 +101,12 @@ def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, flo
     excess = increments - _effect_of_other(other[alone], increments[alone], other)
     scale = np.abs(increments).max(axis=0)
     relative = excess / np.where(scale > 0.0, scale, 1.0)
-    square = np.sum(relative**2, axis=1) / max(np.count_nonzero(scale), 1)
+    components = max(np.count_nonzero(scale), 1)
+    square = np.sum(relative**2, axis=1) / components
     # RMS over all rows at a distance or beyond, for every distance in the data from the nearest outwards.
     places, index = np.unique(distance[finite], return_inverse=True)
-    total = _from_there_on(np.bincount(index, weights=square[finite])) + square[alone].sum()
+    sums = np.bincount(index, weights=square[finite])
+    total = _from_there_on(sums) + square[alone].sum()
     count = _from_there_on(np.bincount(index)) + int(alone.sum())
     over = np.sqrt(total / count) < OVER_SHARE
     over[0] = False

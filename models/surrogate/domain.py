@@ -44,9 +44,9 @@ class Domain:
         inside = (1 - fx) * left + fx * right
         low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
         high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
-        return np.asarray(
-            inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high))
-        )
+        speed = _share(np.minimum(low, high))
+        near = inside * _near(h, self.h_near) * _near(d, self.d_near)
+        return np.asarray(near * speed)
 
 
 def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
@@ -58,14 +58,14 @@ def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
 
     places = np.unique(np.round(x[:, :2], 9), axis=0)
     tree = KDTree(places)
+    gap = 1.0 / PER_UNIT
     if len(places) > 1:
-        gap = float(np.quantile(tree.query(places, 2)[0][:, 1], 0.95))
-    else:
-        gap = 0.0
-    gap = max(gap, 2.0 / (NODES - 1))
+        apart, _ = tree.query(places, 2)
+        gap = max(gap, float(np.quantile(apart[:, 1], 0.95)))
     axis = np.linspace(-1.0, 1.0, NODES)
-    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
-    trust = _share((GAPS_TO_NOTHING - tree.query(grid)[0] / gap) / (GAPS_TO_NOTHING - 1))
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1)
+    distance, _ = tree.query(grid.reshape(-1, 2))
+    trust = _share((GAPS_TO_NOTHING - distance / gap) / (GAPS_TO_NOTHING - 1))
     return Domain(
         map=trust.reshape(NODES, NODES),
         h_near=_nearest_seen(h, d),

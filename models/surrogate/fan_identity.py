@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -34,8 +34,8 @@ class FanIdentity:
 def identity(free_air: FreeAir, radius_m: float, lip_radius_m: float) -> FanIdentity:
     """The fan of a free-air law, given its sizes."""
     omega = free_air.rpm_ref * 2.0 * math.pi / 60.0
-    ct = free_air.lift_n / (RHO_SEA_LEVEL * math.pi * radius_m**2 * (omega * radius_m) ** 2)
-    return FanIdentity(radius_m, lip_radius_m, ct)
+    unit_n = RHO_SEA_LEVEL * math.pi * radius_m**2 * (omega * radius_m) ** 2
+    return FanIdentity(radius_m, lip_radius_m, free_air.lift_n / unit_n)
 
 
 def identity_of(info: Mapping[str, Any]) -> FanIdentity | None:
@@ -58,19 +58,23 @@ def contradictions(vehicle: Vehicle, model: FanSurrogate) -> tuple[str, ...]:
     out = []
     fan = identity_of(model.info)
     if fan is not None:
-        lips = {declared.lip_radius_m for declared in vehicle.fans}
-        for what, own, declared, share in (
-            ("rotor", fan.radius_m, {vehicle.rotor_radius_m}, _RADIUS_SHARE),
-            ("lip", fan.lip_radius_m, lips, _LIP_SHARE),
-        ):
-            if any(abs(own - radius) > share * max(own, radius) for radius in declared):
-                listed = " and ".join(f"{radius:g}" for radius in sorted(declared))
-                out.append(f"{what} radius {own:g} m in the model, {listed} m in the vehicle file")
+        rotors = [vehicle.rotor_radius_m]
+        lips = sorted({declared.lip_radius_m for declared in vehicle.fans})
+        out += _apart("rotor", fan.radius_m, rotors, _RADIUS_SHARE)
+        out += _apart("lip", fan.lip_radius_m, lips, _LIP_SHARE)
     ratio = lift_over_weight(vehicle, model)
     low, high = BY_COEFFICIENT
     if ratio is not None and not low <= ratio <= high:
         out.append(f"modelled lift at hover is {ratio:.2g} times the weight")
     return tuple(out)
+
+
+def _apart(what: str, own: float, declared: Sequence[float], share: float) -> list[str]:
+    """What is said of a radius of the model that one of the vehicle's is not near."""
+    if not any(abs(own - radius) > share * max(own, radius) for radius in declared):
+        return []
+    listed = " and ".join(f"{radius:g}" for radius in declared)
+    return [f"{what} radius {own:g} m in the model, {listed} m in the vehicle file"]
 
 
 def lift_over_weight(vehicle: Vehicle, model: FanSurrogate) -> float | None:

@@ -67,10 +67,9 @@ def fit(data: DataSet) -> FreeAir:
     speed = rpm / rpm_ref
     x = np.log(speed)
     y = np.log(lift / speed**2)
+    exponent = 0.0
     if np.ptp(rpm) > 1e-6 * rpm_ref:
         exponent = float(x @ y / (x @ x))
-    else:
-        exponent = 0.0
     lift_n = float(np.exp(np.mean(y - exponent * x)))
     lift_of_rows = lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent)
     ratio = data.wrench / lift_of_rows[:, None]
@@ -123,10 +122,9 @@ def mean_over_places(ratio: Array, place: Array | NDArray[np.intp]) -> tuple[Arr
     """Mean (6,) of ``ratio`` (n, 6), and its standard error, rows of one ``place`` (n,) counting as one."""
     _, place = np.unique(place, return_inverse=True)
     means = place_means(ratio, place)
+    error = np.zeros(6)
     if len(means) > 1:
         error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
-    else:
-        error = np.zeros(6)
     return means.mean(axis=0), error
 
 

@@ -61,16 +61,16 @@ class KrigingRegressor:
         for start in range(0, len(x), CHUNK):
             part = slice(start, start + CHUNK)
             for process in self.processes:
-                m, s = process.predict(x[part])
-                mean[part] += m
-                spread[part] += s
+                own_mean, own_spread = process.predict(x[part])
+                mean[part] += own_mean
+                spread[part] += own_spread
         return mean, spread
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
         out = {}
-        for i, p in enumerate(self.processes):
-            for name, value in vars(p).items():
+        for i, process in enumerate(self.processes):
+            for name, value in vars(process).items():
                 out[f"{name}_{i}"] = value
         return out
 
@@ -120,25 +120,27 @@ def _fit_process(
     opening = gate[:, int(np.argmax(columns))]
     open_rows = np.flatnonzero(opening > LEAST_GATE)
     chosen = rng.permutation(open_rows)[:ROWS]
+    place = locations[chosen]
+    rows = x[chosen]
     target = y[chosen][:, columns] / opening[chosen, None]
     weight = opening[chosen] ** 2
     deviation = np.sqrt(weight @ target**2 / weight.sum())
     target = target / deviation
     noise = DATA_ACCURACY**2 / weight
-    signal = ConstantKernel(1.0, (0.1, 1e4)) * RBF(np.array([0.5, 0.5, 2.0]), (0.1, 20.0))
-    kernel = signal + WhiteKernel(1e-4, (1e-9, 1.0))
-    _, first = np.unique(locations[chosen], return_index=True)
+    smooth = RBF(np.array([0.5, 0.5, 2.0]), (0.1, 20.0))
+    kernel = ConstantKernel(1.0, (0.1, 1e4)) * smooth + WhiteKernel(1e-4, (1e-9, 1.0))
+    _, first = np.unique(place, return_index=True)
     few = np.sort(first)[:ROWS_FOR_LENGTHS]
     with warnings.catch_warnings():
         # A length scale at its bound says that an input does not matter, or that the data are too few to tell.
         warnings.simplefilter("ignore", ConvergenceWarning)
         regressor = GaussianProcessRegressor(kernel, alpha=noise[few])
-        fitted = regressor.fit(x[chosen[few]], target[few])
-    lengths = np.asarray(fitted.kernel_.k1.k2.length_scale, dtype=float)
-    variance = float(fitted.kernel_.k1.k1.constant_value)
-    nugget = float(fitted.kernel_.k2.noise_level)
-    same_place = locations[chosen, None] == locations[chosen]
-    covariance = _correlation(x[chosen], x[chosen], lengths)
+        fitted = regressor.fit(rows[few], target[few]).kernel_
+    lengths = np.asarray(fitted.k1.k2.length_scale, dtype=float)
+    variance = float(fitted.k1.k1.constant_value)
+    nugget = float(fitted.k2.noise_level)
+    same_place = place[:, None] == place
+    covariance = _correlation(rows, rows, lengths)
     covariance += nugget / variance * same_place
     covariance[np.diag_indices_from(covariance)] += noise / variance
     root = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -148,7 +150,7 @@ def _fit_process(
     prior[columns] = deviation * np.sqrt(variance)
     return Process(
         columns=columns.astype(float),
-        rows=x[chosen],
+        rows=rows,
         lengths=lengths,
         weights=weights,
         deviation=prior,
@@ -160,5 +162,7 @@ def _correlation(a: Array, b: Array, lengths: Array) -> Array:
     """exp(-|a - b|^2 / 2) over scaled inputs (m, 3) and (n, 3), shape (m, n)."""
     a = a / lengths
     b = b / lengths
-    squared = (a * a).sum(1)[:, None] + (b * b).sum(1)[None, :] - 2.0 * a @ b.T
+    size_a = np.sum(a * a, axis=1)
+    size_b = np.sum(b * b, axis=1)
+    squared = size_a[:, None] + size_b - 2.0 * a @ b.T
     return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))

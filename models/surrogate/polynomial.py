@@ -61,8 +61,9 @@ def _factors(inputs: int, degree: int) -> NDArray[np.int_]:
     """Factors (degree, terms) of every monomial: numbers of inputs, and ``inputs`` for 1."""
     terms = [(inputs,) * degree]
     for power in range(1, degree + 1):
+        ones = (inputs,) * (degree - power)
         for chosen in combinations_with_replacement(range(inputs), power):
-            terms.append((*chosen, *(inputs,) * (degree - power)))
+            terms.append((*chosen, *ones))
     return np.array(terms).T
 
 
@@ -71,7 +72,8 @@ def fit(x: Array, y: Array, gate: Array, degree: int) -> PolynomialRegressor:
     basis = monomials(x, degree)
     coefficients = np.zeros((basis.shape[1], 6))
     for c in range(6):
-        coefficients[:, c], *_ = np.linalg.lstsq(basis * gate[:, [c]], y[:, c], rcond=None)
+        gated = basis * gate[:, [c]]
+        coefficients[:, c], *_ = np.linalg.lstsq(gated, y[:, c], rcond=None)
     error = gate * (basis @ coefficients) - y
     residual = np.sqrt(np.mean(error**2, axis=0))
     return PolynomialRegressor(degree, coefficients, residual)
