@@ -26,6 +26,9 @@ from sources.clone import read
 from sources.vehicle_file import vehicle_toml
 
 CONVERTERS = (
+    "ardrone",
+    "course",
+    "f550",
     "fpv",
     "hexacopter",
     "hexarotor",
@@ -38,6 +41,7 @@ CONVERTERS = (
     "planar",
     "spring",
     "tailsitter",
+    "thrown",
     "x8",
 )
 Logs = Iterator[tuple[str, bytes]]
