@@ -2,9 +2,10 @@
 
 A clone of github.com/udesa-ai/prop-damage-adapt, of which two pairs of recordings of commit 4b97703 are read.
 
-Specific force and rates are the sensors' (200 Hz), outputs those of PX4's mixer for a hexarotor in X from the recorded
-roll, pitch, yaw and thrust. Neither attitude nor motion is recorded: roll and pitch are the integral of the rates, drawn
-to the specific force over ``FOLLOWED_S``, as a filter of an autopilot has them. Velocity and place are left out.
+Specific force and rates are the sensors' (200 Hz), outputs those of PX4's mixer for a hexarotor in X from the
+recorded roll, pitch, yaw and thrust. Neither attitude nor motion is recorded: roll and pitch are the integral of the
+rates, drawn to the specific force over ``FOLLOWED_S``, as a filter of an autopilot has them. Velocity and place are
+left out.
 """
 
 from __future__ import annotations
