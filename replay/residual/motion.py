@@ -10,6 +10,7 @@ from models.common.errors import LogError
 from models.common.frames import GRAVITY, Array, rotation_from_quaternion
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
+from replay.info.settings import change_for
 from replay.logs.names import called
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
@@ -58,10 +59,15 @@ class Trajectory:
 def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     """The motion over the time with IMU and attitude. Raises LogError in one line where one is missing or too slow."""
     if not log.imus:
-        lacking = called(log.path, "imu")
-        raise LogError(f"{log.path}: no {lacking}: without an accelerometer no force can be judged")
+        raise LogError(
+            f"{log.path}: no {called(log.path, 'imu')}: without an accelerometer no force can be "
+            f"judged; it is recorded by {change_for(log, 'imu')}"
+        )
     if log.attitude is None:
-        raise LogError(f"{log.path}: no {called(log.path, 'attitude')}: record it")
+        raise LogError(
+            f"{log.path}: no {called(log.path, 'attitude')}: it is recorded by "
+            f"{change_for(log, 'attitude')}"
+        )
     imu: ImuRecord = max(
         log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0])
     )
@@ -76,7 +82,7 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Trajectory:
     if rate < FORCE_RATE_HZ:
         raise LogError(
             f"{log.path}: {imu.source} at {rate:.1f} Hz is too slow for forces; ask for "
-            f"{FORCE_RATE_HZ:.0f} Hz or more"
+            f"{FORCE_RATE_HZ:.0f} Hz or more: {change_for(log, 'imu')}"
         )
     # A quarter of the rate is carried by linear interpolation; rotor speeds are no better known than they are sent.
     grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0, rotor_rate_hz(log, vehicle) / 4.0))

@@ -69,7 +69,21 @@ def test_what_is_missing_has_the_name_that_it_has_in_this_format(
     refusals.append(why_not(lambda: read_motion(moved, vehicle)))
     assert attitude in refusals[2]
     if not name.endswith(".tlog"):
-        assert not [word for line in refusals for word in MAVLINK_ONLY if word in line]
+        lacking = " ".join(line.partition("recorded by")[0] for line in refusals)
+        assert not [word for word in MAVLINK_ONLY if word in lacking]
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [("a.tlog", "SRx_"), ("a.BIN", "LOG_BITMASK"), ("a.ulg", "SDLOG_PROFILE with bit 0 (default)")],
+)
+def test_what_is_missing_is_said_with_the_setting_that_records_it(name, setting):
+    vehicle = load_vehicle(QUAD)
+    autopilot = 12 if name.endswith(".ulg") else 3
+    bare = log_of(name, autopilot)
+    assert setting in why_not(lambda: read_motion(bare, vehicle))
+    unturned = log_of(name, autopilot, attitude=None, imus=(object(),))
+    assert setting in why_not(lambda: read_motion(unturned, vehicle))
 
 
 def test_missing_speeds_and_outputs_of_a_vehicle_file_have_the_names_of_the_format(
