@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.adopted_effect import AdoptedEffect
+from models.effects.adopted_effect import AdoptedEffect, when
 from models.effects.coefficient import BelongsTo, Coefficient, Shape
 from models.effects.context import Context
 from models.effects.effect import Effect
@@ -99,7 +99,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     force = mean(ctx.mass_flow.sum(axis=-1)) * speed * drag
     return (
         f"wind of {speed:.2g} m/s from the {compass(-north, -east)} (it pushes with "
-        f"{force_words(ctx, force)})"
+        f"{force_words(ctx, force)}){when(p)}"
     )
 
 
@@ -149,6 +149,7 @@ EFFECT = Effect(
     ),
     every_flight=True,
     search=SearchHints(
+        may_begin=True,
         chance=lambda ctx: ctx.if_outdoors(WINDY_DAYS, elsewhere=0.05),
     ),
     aliases=("imu_bias", "rotor_drag"),
