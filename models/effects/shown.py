@@ -42,6 +42,9 @@ class Shown:
     """The picture that shows it on one axis; None: over time."""
     in_words: Callable[[Context, Mapping[str, float]], str] | None = None
     """Its size on a record, by its numbers as they are said; None: by these numbers."""
+    push: Callable[[Context, Mapping[str, float]], str] | None = None
+    """Its force on a record, by its parameters as a model directory keeps them; None: nothing is said of it. A product
+    of numbers that are said is no force: each is a mean of its own."""
     quantities: tuple[Quantity, ...] = ()
     """Numbers that are said in place of parameters; all other parameters are said as they are."""
     log_weight: Callable[[Context, Mapping[str, Array]], Array] | None = None

@@ -91,16 +91,16 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
     return over("heading [deg]", heading, axis)
 
 
-def _words(ctx: Context, p: Mapping[str, float]) -> str:
+def _words(_: Context, p: Mapping[str, float]) -> str:
     north = p["north"]
     east = p["east"]
     speed = float(np.hypot(north, east))
-    drag = float(_drag(ctx, {"own_motion": np.array(p["own_motion"])}))
-    force = mean(ctx.mass_flow.sum(axis=-1)) * speed * drag
-    return (
-        f"wind of {speed:.2g} m/s from the {compass(-north, -east)} (it pushes with "
-        f"{force_words(ctx, force)}){when(p)}"
-    )
+    return f"wind of {speed:.2g} m/s from the {compass(-north, -east)}{when(p)}"
+
+
+def _push(ctx: Context, p: Mapping[str, float]) -> str:
+    force = mean(ctx.mass_flow.sum(axis=-1)) * float(np.hypot(p["north"], p["east"]))
+    return f"it pushes with {force_words(ctx, force)}"
 
 
 EFFECT = Effect(
@@ -159,6 +159,7 @@ EFFECT = Effect(
     shown=Shown(
         _drawn,
         _words,
+        _push,
         quantities=(
             Quantity(instead_of="north", name="north", unit="m/s", of=_north),
             Quantity(instead_of="east", name="east", unit="m/s", of=_east),

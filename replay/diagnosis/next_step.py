@@ -153,6 +153,11 @@ def _look(answer: Diagnosis) -> str:
 
 def size_words(f: Found, answer: Diagnosis) -> str:
     """``fan 3 gives 15 % less thrust than declared``; name and numbers where the effect has no such words."""
-    if f.effect.shown.in_words is not None and f.sized:
-        return f.effect.shown.in_words(answer.records[f.flight].context, f.numbers)
+    shown = f.effect.shown
+    if shown.in_words is not None and f.sized:
+        context = answer.records[f.flight].context
+        words = shown.in_words(context, f.numbers)
+        if shown.push is not None:
+            words += f" ({shown.push(context, f.parameters)})"
+        return words
     return f"{plain(f.effect.name)}: {', '.join(map(estimate_text, answer.numbers_of(f)))}"

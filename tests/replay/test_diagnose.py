@@ -17,6 +17,7 @@ from replay.cli import main
 from replay.diagnosis.answer import rms_interval
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page
+from replay.diagnosis.next_step import size_words
 from replay.residual.record import Record
 
 FEW = [
@@ -93,7 +94,24 @@ def test_a_wind_is_said_by_its_speed_and_the_force_that_it_makes(quiet: Record) 
     assert wind.shown.in_words is not None
     said = wind.shown.in_words(context, wind.said(context, found))
     assert said.startswith("wind of 8 m/s from the south")
-    assert float(said.split(" N)")[0].split()[-1]) == pytest.approx(force, rel=0.1)
+    assert newtons(wind.shown.push(context, found)) == pytest.approx(force, rel=0.1)
+
+
+def newtons(words: str) -> float:
+    """The force in ``it pushes with 0.65 N``."""
+    return float(words.split(" N")[0].split()[-1])
+
+
+def test_the_force_of_a_wind_does_not_hang_on_a_drag_that_is_not_known(quiet: Record) -> None:
+    """In a hover the speed is a mean over drags that may be, and the drag itself may be said to be none."""
+    blown = 0.6 * np.nan_to_num(get("wind").regressors(quiet.context, (0.0,)))[..., 1]
+    answer = conclude([replace(quiet, residual=quiet.residual + blown)], effects=[get("wind")])
+    (wind,) = answer.found
+    force = float(np.linalg.norm(blown[:, :2], axis=1).mean())
+    for drag in (0.0, 0.1, 1.0):
+        numbers = [replace(e, value=drag) if e.name == "own_motion" else e for e in wind.estimates]
+        words = size_words(replace(wind, estimates=tuple(numbers)), answer)
+        assert newtons(words) == pytest.approx(force, rel=0.15)
 
 
 def test_a_size_without_unit_is_a_plain_number_in_the_text(windy: Diagnosis) -> None:
