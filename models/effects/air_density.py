@@ -52,5 +52,5 @@ EFFECT = Effect(
     wrenches=_wrenches,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),
-    shown=Shown(over_thrust, _words),
+    shown=Shown(drawn=over_thrust, in_words=_words),
 )

@@ -100,5 +100,8 @@ EFFECT = Effect(
         chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
     ),
     aliases=("thermal_derating", "thrust_scale"),
-    shown=Shown(lambda ctx, axis: over("battery [V]", ctx.state.battery_voltage_v, axis), _words),
+    shown=Shown(
+        drawn=lambda ctx, axis: over("battery [V]", ctx.state.battery_voltage_v, axis),
+        in_words=_words,
+    ),
 )

@@ -50,5 +50,5 @@ EFFECT = Effect(
     main=("front", "side"),
     law=True,
     aliases=("rotor_drag",),
-    shown=Shown(over_speed, _words),
+    shown=Shown(drawn=over_speed, in_words=_words),
 )

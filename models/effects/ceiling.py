@@ -53,7 +53,7 @@ EFFECT = Effect(
     lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),
     aliases=("thrust_scale",),
     shown=Shown(
-        lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis),
-        _words,
+        drawn=lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis),
+        in_words=_words,
     ),
 )

@@ -52,5 +52,5 @@ EFFECT = Effect(
         needs_moments=True,
     ),
     aliases=("fan_imbalance", "wall_effect"),
-    shown=Shown(over_thrust, _words),
+    shown=Shown(drawn=over_thrust, in_words=_words),
 )

@@ -104,5 +104,5 @@ EFFECT = Effect(
     # Bumpers are neither linear nor alike, and ranges of a few centimetres are coarse.
     in_flight=NOT_FLOWN,
     main=("stiffness",),
-    shown=Shown(over_surfaces, _words),
+    shown=Shown(drawn=over_surfaces, in_words=_words),
 )

@@ -89,5 +89,5 @@ EFFECT = Effect(
         chance=lambda ctx: ctx.by_model(0.05, 0.3),
     ),
     aliases=("wall_effect", "ground_effect"),
-    shown=Shown(over_surfaces, _words),
+    shown=Shown(drawn=over_surfaces, in_words=_words),
 )

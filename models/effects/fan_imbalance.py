@@ -64,5 +64,5 @@ EFFECT = Effect(
         several=True,
     ),
     aliases=("cg_offset",),
-    shown=Shown(over_thrust, _words),
+    shown=Shown(drawn=over_thrust, in_words=_words),
 )

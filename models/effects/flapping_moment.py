@@ -57,5 +57,8 @@ EFFECT = Effect(
         chance=0.01,
     ),
     aliases=("rotor_drag",),
-    shown=Shown(lambda ctx, axis: over("speed forward [m/s]", ctx.velocity[..., 0], axis), _words),
+    shown=Shown(
+        drawn=lambda ctx, axis: over("speed forward [m/s]", ctx.velocity[..., 0], axis),
+        in_words=_words,
+    ),
 )

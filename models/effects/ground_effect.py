@@ -53,5 +53,5 @@ EFFECT = Effect(
         chance=lambda ctx: ctx.by_model(0.04, 0.3),
     ),
     aliases=("range_offset", "partial_ground"),
-    shown=Shown(over_height, _words),
+    shown=Shown(drawn=over_height, in_words=_words),
 )

@@ -83,7 +83,7 @@ EFFECT = Effect(
     shapes=(Shape(name="all_alike", unit="1", continuous=False, tried=(0.0, 1.0, -1.0)),),
     contains=("rotor_inertia",),
     in_flight=NOT_FLOWN,
-    shown=Shown(_drawn, _words),
+    shown=Shown(drawn=_drawn, in_words=_words),
     search=SearchHints(
         needs_moments=True,
     ),

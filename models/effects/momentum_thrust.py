@@ -79,5 +79,5 @@ EFFECT = Effect(
         chance=0.01,
     ),
     aliases=("vertical_inflow",),
-    shown=Shown(over_speed, _words),
+    shown=Shown(drawn=over_speed, in_words=_words),
 )

@@ -112,5 +112,5 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("ground_effect", "cg_offset"),
     in_flight=NOT_FLOWN,
-    shown=Shown(over_height, _words),
+    shown=Shown(drawn=over_height, in_words=_words),
 )

@@ -76,5 +76,5 @@ EFFECT = Effect(
     ),
     aliases=("ground_effect", "vertical_inflow"),
     in_flight=FlightUse(use=InFlight.MEASUREMENT, corrected=_corrected),
-    shown=Shown(over_height, _words),
+    shown=Shown(drawn=over_height, in_words=_words),
 )

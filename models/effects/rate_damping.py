@@ -73,5 +73,5 @@ EFFECT = Effect(
         chance=0.01,
     ),
     aliases=("vertical_inflow", "rotor_drag"),
-    shown=Shown(_drawn, _words),
+    shown=Shown(drawn=_drawn, in_words=_words),
 )

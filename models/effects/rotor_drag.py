@@ -69,5 +69,5 @@ EFFECT = Effect(
     ),
     aliases=("body_drag", "wind"),
     main=("drag",),
-    shown=Shown(over_speed, _words),
+    shown=Shown(drawn=over_speed, in_words=_words),
 )

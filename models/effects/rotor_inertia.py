@@ -69,5 +69,5 @@ EFFECT = Effect(
     ),
     aliases=("gyroscopic",),
     in_flight=NOT_FLOWN,
-    shown=Shown(_drawn, _words),
+    shown=Shown(drawn=_drawn, in_words=_words),
 )

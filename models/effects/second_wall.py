@@ -57,5 +57,5 @@ EFFECT = Effect(
     shapes=(Shape(name="length_radii", unit="1", tried=(0.5, 0.9, 1.4)),),
     lacking=where_seen("second_d_m", "no second wall was seen by a second horizontal rangefinder"),
     aliases=("wall_effect",),
-    shown=Shown(over_second_wall, _words),
+    shown=Shown(drawn=over_second_wall, in_words=_words),
 )

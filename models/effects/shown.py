@@ -34,7 +34,7 @@ class Quantity:
     """Of draws (m,) of every parameter, draws (m,) of the quantity; None: the parameter itself, by another name."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shown:
     """How people see an effect: its picture, its size as a pilot says it, its numbers, and a remark."""
 

@@ -178,5 +178,5 @@ EFFECT = Effect(
         chance=CHANCE,
     ),
     aliases=("ground_effect", "wall_effect", "corner_effect"),
-    shown=Shown(over_surfaces, _words),
+    shown=Shown(drawn=over_surfaces, in_words=_words),
 )

@@ -68,6 +68,7 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("battery_sag",),
     shown=Shown(
-        lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis), _words
+        drawn=lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis),
+        in_words=_words,
     ),
 )

@@ -79,5 +79,5 @@ EFFECT = Effect(
         chance=lambda ctx: ctx.if_commanded(ctx.by_kind(0.02, 0.3)),
     ),
     aliases=("thrust_scale", "battery_sag"),
-    shown=Shown(over_thrust, _words),
+    shown=Shown(drawn=over_thrust, in_words=_words),
 )

@@ -43,5 +43,5 @@ EFFECT = Effect(
     ),
     wrenches=_wrenches,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
-    shown=Shown(over_thrust, _words),
+    shown=Shown(drawn=over_thrust, in_words=_words),
 )

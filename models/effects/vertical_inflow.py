@@ -94,8 +94,10 @@ EFFECT = Effect(
     ),
     aliases=("range_offset",),
     shown=Shown(
-        lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis),
-        _words,
+        drawn=lambda ctx, axis: over(
+            "climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis
+        ),
+        in_words=_words,
         # The flight shows the slope times the wind, not the wind.
         quantities=(
             Quantity(

@@ -62,5 +62,5 @@ EFFECT = Effect(
         chance=lambda ctx: ctx.by_model(0.05, 0.3),
     ),
     aliases=("contact", "wind"),
-    shown=Shown(over_first_wall, _words),
+    shown=Shown(drawn=over_first_wall, in_words=_words),
 )

@@ -157,9 +157,9 @@ EFFECT = Effect(
     contains=("rotor_drag",),
     stays=_drag_alone,
     shown=Shown(
-        _drawn,
-        _words,
-        _push,
+        drawn=_drawn,
+        in_words=_words,
+        push=_push,
         quantities=(
             Quantity(instead_of="north", name="north", unit="m/s", of=_north),
             Quantity(instead_of="east", name="east", unit="m/s", of=_east),
