@@ -77,6 +77,9 @@ def lost_speed(ctx: Context, flying: Mask, until_s: float) -> Lost | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = rpm / np.maximum(expected, least)
     following = np.where(known[:, None] & (ratio > SLOW_SHARE), ratio, np.nan)
+    ever_follows = np.isfinite(following).any(axis=0)
+    if not ever_follows.all():
+        return None  # a speed in another unit, which others notice
     ratio = ratio / np.nanmedian(following, axis=0)
     start = int(rows[0] + FLOWN_S * rate)
     lost = [_lost(ctx, ratio, known, rotor=k, start=start) for k in range(rpm.shape[1])]

@@ -81,6 +81,7 @@ def test_right_speeds_are_no_fault(flown: Motion, vehicle: Vehicle) -> None:
     assert build_record(flight(flown, vehicle), vehicle, None).faults == ()
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_one_esc_alone_keeps_its_own_message(flown: Motion, vehicle: Vehicle) -> None:
     log = flight(flown, vehicle)
     rpm = log.escs[2].rpm
