@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from models.effects.coefficient import Size
@@ -28,18 +27,12 @@ class SearchHints:
     """How often the grid of its shapes is halved about the best."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
-    may_begin: bool | Callable[[Context], bool] = False
+    may_begin: bool = False
     """It may begin or end in flight: the search of one flight tries times at which the residual changes."""
     several: bool = False
     """A vehicle may have several of it, each in another first shape: two weak fans."""
     remainder: bool = False
     """Weighed after all others, for what they leave."""
-
-    def begins(self, ctx: Context) -> bool:
-        """Whether it may begin or end in this flight."""
-        if callable(self.may_begin):
-            return self.may_begin(ctx)
-        return self.may_begin
 
     def log_odds(self, ctx: Context) -> float:
         """Log odds of its being there, before any flight was seen: log(p / (1 - p))."""

@@ -23,22 +23,8 @@ from models.effects.shown import Drawn, Quantity, Shown
 WINDY_DAYS = 0.8
 """Share of the time in which air outdoors moves by more than 1 m/s, 10 m up: a Rayleigh distribution about 2.5 m/s has
 0.88, the lower air is calmer (Manwell, McGowan & Rogers 2009, Wind Energy Explained, 2.4)."""
-USUAL_M_S = 4.0
-"""Standard deviation of the prior of the speed to the north and to the east."""
-FASTEST = 95.0
-"""Percentile of the own speed that stands for the fastest: single readings may be wrong."""
 LEAST_DRAG = 0.02
 """Share of momentum theory's drag below which no rotor's is: by less, a force would be a storm."""
-
-
-def _holds_its_place(ctx: Context) -> bool:
-    """Whether the vehicle is slower than a usual wind.
-
-    On the legs of a route the drag on the own motion steps at every turn, as a wind that begins there would.
-    """
-    speed = np.linalg.norm(ctx.state.velocity_ned[..., :2], axis=-1)
-    known = speed[np.isfinite(speed)]
-    return len(known) > 0 and float(np.percentile(known, FASTEST)) < USUAL_M_S
 
 
 def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
@@ -128,8 +114,8 @@ EFFECT = Effect(
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
     coefficients=(
-        Coefficient(name="north", unit="m/s", low=-25.0, high=25.0, typical=USUAL_M_S),
-        Coefficient(name="east", unit="m/s", low=-25.0, high=25.0, typical=USUAL_M_S),
+        Coefficient(name="north", unit="m/s", low=-25.0, high=25.0, typical=4.0),
+        Coefficient(name="east", unit="m/s", low=-25.0, high=25.0, typical=4.0),
         Coefficient(
             name="own_motion",
             unit="1",
@@ -163,7 +149,7 @@ EFFECT = Effect(
     ),
     every_flight=True,
     search=SearchHints(
-        may_begin=_holds_its_place,
+        may_begin=True,
         chance=lambda ctx: ctx.if_outdoors(WINDY_DAYS, elsewhere=0.05),
     ),
     aliases=("imu_bias", "rotor_drag"),

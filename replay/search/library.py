@@ -221,8 +221,7 @@ class Library:
         grid = effect.shape_grid(self.records[first].context)
         shapes = list(dict.fromkeys(grid))
         priors = dict(zip(shapes, log_shapes(effect, shapes), strict=True))
-        alone = effect.all_of_day or len(self.records) == 1
-        if alone and effect.search.begins(self.records[first].context):
+        if effect.search.may_begin and (effect.all_of_day or len(self.records) == 1):
             effect = effect.for_a_time
             priors = self._begun(effect, first, priors)
         for shape, log_shape in priors.items():
@@ -231,18 +230,15 @@ class Library:
     def _begun(
         self, effect: Effect, flight: int, priors: Mapping[Shape, float]
     ) -> dict[Shape, float]:
-        """Shapes with their log priors, all the time and for times between which a flight's residual changes.
-
-        Times are tried at both ends of what is continuous: refinement moves between them.
-        """
+        """Shapes with their log priors, all the time and for times between which a flight's residual changes."""
         record = self.records[flight]
         always = (NONE_S, NONE_S)
         made_by = [c.name in effect.main_names for c in effect.coefficients]
-        out = {(*shape, *always): p + log_chance(record, always) for shape, p in priors.items()}
-        for shape in _at_ends(effect, priors):
+        out = {}
+        for shape, log_shape in priors.items():
             wrenches = regressors_of(effect, record, (*shape, *always))[..., made_by]
-            for times in times_of(record, wrenches):
-                out[*shape, *times] = priors[shape] + log_chance(record, times)
+            for times in (always, *times_of(record, wrenches)):
+                out[*shape, *times] = log_shape + log_chance(record, times)
         return out
 
     def _add(
@@ -465,19 +461,6 @@ class Library:
             rows = slice(3 * number, 3 * number + 3)
             for columns, part in self._bias_columns.get(f, []):
                 self.x_bias[rows, columns] += part / KINEMATIC_SD_M_S2
-
-
-def _at_ends(effect: Effect, shapes: Iterable[Shape]) -> list[Shape]:
-    """Shapes whose continuous parameters are the least or the largest of those of their kind."""
-    kinds = [i for i, s in enumerate(effect.shapes) if not s.continuous]
-    alike: dict[Shape, list[Shape]] = {}
-    for shape in sorted(shapes):
-        kind = tuple(shape[i] for i in kinds if i < len(shape))
-        alike.setdefault(kind, []).append(shape)
-    ends: list[Shape] = []
-    for of_kind in alike.values():
-        ends += dict.fromkeys((of_kind[0], of_kind[-1]))
-    return ends
 
 
 def _errors_of_form(effect: Effect, record: Record, x: Array) -> list[Array]:

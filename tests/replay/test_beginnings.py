@@ -158,18 +158,6 @@ def test_of_a_wind_that_ended_the_next_flight_has_the_drag(quiet: Record) -> Non
     assert [e.name for e in model.effects] == ["rotor_drag"]
 
 
-def test_on_the_legs_of_a_route_no_wind_begins(quiet: Record) -> None:
-    """There and back at one speed, the drag on the own motion steps once."""
-    state = quiet.context.state
-    turn = float(quiet.time_s[450])
-    out = np.where(quiet.time_s < turn, 8.0, -8.0)[:, None] * np.array([1.0, 0.0, 0.0])
-    routed = replace(quiet.context, state=replace(state, velocity_ned=out))
-    assert get("wind").search.begins(quiet.context)
-    assert not get("wind").search.begins(routed)
-    unknown = replace(routed, state=replace(state, velocity_ned=np.full_like(out, np.nan)))
-    assert not get("wind").search.begins(unknown)
-
-
 def test_the_drag_on_the_own_motion_acts_before_the_wind_blows(quiet: Record) -> None:
     middle = float(quiet.time_s[400])
     always = get("wind").wrenches(quiet.context, (0.0,))
