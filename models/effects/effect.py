@@ -121,21 +121,14 @@ class Effect:
 
     @property
     def for_a_time(self) -> Effect:
-        """The same with two shapes more: times [s] from and until which it acts; 0 stands for none.
-
-        A coefficient that belongs to something else acts all the time: the vehicle's own drag beside a wind.
-        """
+        """The same with two shapes more: times [s] from and until which it acts; 0 stands for none."""
 
         def wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
             *own, start, end = shape
             acts = ctx.state.time_s >= start
             if end > 0.0:
                 acts = acts & (ctx.state.time_s < end)
-            all_the_time = self.wrenches(ctx, tuple(own))
-            return tuple(
-                wrench if c.belongs_to else wrench * acts[..., None]
-                for c, wrench in zip(self.coefficients, all_the_time, strict=True)
-            )
+            return tuple(wrench * acts[..., None] for wrench in self.wrenches(ctx, tuple(own)))
 
         def grid(ctx: Context) -> Sequence[tuple[float, ...]]:
             return [(*shape, 0.0, 0.0) for shape in self.shape_grid(ctx)]

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.common.frames import Array
-from models.effects.adopted_effect import AdoptedEffect, when
+from models.effects.adopted_effect import AdoptedEffect
 from models.effects.coefficient import BelongsTo, Coefficient, Shape
 from models.effects.context import Context
 from models.effects.effect import Effect
@@ -95,7 +95,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
     north = p["north"]
     east = p["east"]
     speed = float(np.hypot(north, east))
-    return f"wind of {speed:.2g} m/s from the {compass(-north, -east)}{when(p)}"
+    return f"wind of {speed:.2g} m/s from the {compass(-north, -east)}"
 
 
 def _push(ctx: Context, p: Mapping[str, float]) -> str:
@@ -149,7 +149,6 @@ EFFECT = Effect(
     ),
     every_flight=True,
     search=SearchHints(
-        may_begin=True,
         chance=lambda ctx: ctx.if_outdoors(WINDY_DAYS, elsewhere=0.05),
     ),
     aliases=("imu_bias", "rotor_drag"),

@@ -119,12 +119,12 @@ class Diagnosis(Searched):
         """The named effects with the sizes that another flight may be predicted by.
 
         A map of surfaces and the laws that it corrects stay as found: only their sum is known well. What ended in its
-        flight is in no other, but for what stays of it: the drag of the vehicle that a wind has shown.
+        flight is in no other.
         """
         joint = corrected_together(f.effect for f in self.found)
         out = []
         for found in self.found:
-            if found.ended and found.effect.stays is None:
+            if found.ended:
                 continue
             if found.effect.name in joint:
                 adopted = self._as_found(found)

@@ -21,8 +21,8 @@ NONE_S = 0.0
 """No beginning, or no end."""
 
 
-def times_of(record: Record, wrenches: Array) -> list[tuple[float, float]]:
-    """Beginnings and ends [s] between which ``wrenches`` (n, 6, k) would explain most, beside themselves all the time.
+def times_of(record: Record, wrench: Array) -> list[tuple[float, float]]:
+    """Beginnings and ends [s] between which ``wrench`` (n, 6) would explain most, beside itself for the whole flight.
 
     The best beginning without an end, the best end without a beginning, and the best pair; each with its neighbours.
     With r the residual and x the wrench, each over the residual's RMS on its axis, and sums over all axes:
@@ -30,14 +30,13 @@ def times_of(record: Record, wrenches: Array) -> list[tuple[float, float]]:
         gain = (D - B C / A)^2 / (B - B^2 / A),  A = sum x^2,  C = sum x r,  B and D the same from begin to end
 
     is what the sum of squares loses by ``x`` between both, where ``x`` for the whole record is fitted, too
-    (Frisch & Waugh 1933, Econometrica 1, 387). Gains of several wrenches are added: a wind's two are square to each
-    other.
+    (Frisch & Waugh 1933, Econometrica 1, 387).
     """
     rows = _rows_of_times(record)
     if not len(rows):
         return []
     time_s = record.time_s[rows]
-    gain = _gains(record, wrenches, rows)
+    gain = _gains(record, wrench, rows)
     last = len(rows) + 1
     inner = slice(1, last)
     begin = int(gain[inner, last].argmax())
@@ -53,30 +52,23 @@ def times_of(record: Record, wrenches: Array) -> list[tuple[float, float]]:
     return sorted(out)
 
 
-def _gains(record: Record, wrenches: Array, rows: Columns) -> Array:
-    """Gain (e, e) of ``wrenches`` from every edge to every later one, -inf where that is too short.
+def _gains(record: Record, wrench: Array, rows: Columns) -> Array:
+    """Gain (e, e) from every edge to every later one, -inf where that is too short.
 
     Edges are the start of the record, its ``rows``, and its end.
     """
-    edges = np.concatenate([[0], rows, [len(record.time_s)]])
-    gain = np.zeros((len(edges), len(edges)))
-    for wrench in np.moveaxis(wrenches, -1, 0):
-        gain += _gain(record, wrench, edges)
-    seconds = _sum_before(record.valid) * record.step_s
-    at_edges = seconds[edges]
-    long_enough = at_edges[None, :] - at_edges[:, None] > SHORTEST_S
-    return np.where(long_enough, gain, -np.inf)
-
-
-def _gain(record: Record, wrench: Array, edges: Columns) -> Array:
-    """Gain (e, e) of one ``wrench`` (n, 6) from every edge to every other."""
     own, cross = _products(record, wrench)
+    edges = np.concatenate([[0], rows, [len(own)]])
     a = max(_sum_before(own)[-1], 1e-12)
     b = _between(own, edges)
     c = _sum_before(cross)[-1]
     d = _between(cross, edges)
     left = np.maximum(b - b**2 / a, 1e-9 * a)
-    return np.asarray((d - b * c / a) ** 2 / left)
+    gain = (d - b * c / a) ** 2 / left
+    seconds = _sum_before(record.valid) * record.step_s
+    at_edges = seconds[edges]
+    long_enough = at_edges[None, :] - at_edges[:, None] > SHORTEST_S
+    return np.where(long_enough, gain, -np.inf)
 
 
 def _sum_before(x: Array | Mask) -> Array:

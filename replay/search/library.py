@@ -233,11 +233,10 @@ class Library:
         """Shapes with their log priors, all the time and for times between which a flight's residual changes."""
         record = self.records[flight]
         always = (NONE_S, NONE_S)
-        made_by = [c.name in effect.main_names for c in effect.coefficients]
         out = {}
         for shape, log_shape in priors.items():
-            wrenches = regressors_of(effect, record, (*shape, *always))[..., made_by]
-            for times in (always, *times_of(record, wrenches)):
+            wrench = regressors_of(effect, record, (*shape, *always))[..., 0]
+            for times in (always, *times_of(record, wrench)):
                 out[*shape, *times] = log_shape + log_chance(record, times)
         return out
 
