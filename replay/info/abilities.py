@@ -11,7 +11,7 @@ import numpy as np
 
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
-from replay.info.settings import ARDUPILOT, change_for, older_than, parameter_missing
+from replay.logs.settings import ARDUPILOT, change_for, older_than, parameter_missing
 from replay.residual.motion import FORCE_RATE_HZ, MOMENT_RATE_HZ
 
 _GOOD_IMU_HZ = 25.0

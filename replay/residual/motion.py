@@ -10,8 +10,8 @@ from models.common.errors import LogError
 from models.common.frames import GRAVITY, Array, rotation_from_quaternion
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
-from replay.info.settings import change_for
 from replay.logs.names import called
+from replay.logs.settings import change_for
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
 
