@@ -231,7 +231,8 @@ def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
     kernel = np.ones(2 * embargo + 1)
     near = np.empty((FOLDS, blocks), bool)
     for fold in range(FOLDS):
-        near[fold] = np.convolve(fold_of_block == fold, kernel, "same") > 0.5
+        blocks_within = np.convolve(fold_of_block == fold, kernel)
+        near[fold] = blocks_within[embargo : embargo + blocks] > 0.5
     return fold_of_block[block_of_sample], ~near[:, block_of_sample]
 
 

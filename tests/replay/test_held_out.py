@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from made_up import biased, some
 
 from replay.search.evidence import Evidence, Fit
-from replay.search.held_out import FlightFit, flight_fits
+from replay.search.held_out import EMBARGO_S, FOLDS, FlightFit, _split, flight_fits
 from replay.search.library import Library
+
+STEP_S = 0.02
 
 
 def fitted(*records: object) -> tuple[Evidence, Fit]:
@@ -50,3 +54,16 @@ def test_another_flight_confirms_an_effect_that_it_has_and_none_that_it_lacks() 
     assert all(fit.confirms == frozenset(fit.effects) for fit in both)
     one = flight_fits(*fitted(biased(), biased(seed=12, bias=0.0)))
     assert not one[1].confirms
+
+
+@pytest.mark.parametrize("seconds", [5.8, 12.0, 40.0, 300.0])
+def test_a_fold_is_fitted_on_no_time_within_the_embargo_of_its_own(seconds: float) -> None:
+    count = round(seconds / STEP_S)
+    record = SimpleNamespace(valid=np.ones(count, bool), seconds=seconds)
+    fold_of_sample, fitted_on = _split(record)  # type: ignore[arg-type]
+    time_s = STEP_S * np.arange(count)
+    assert set(fold_of_sample) == set(range(FOLDS))
+    for fold in range(FOLDS):
+        own = time_s[fold_of_sample == fold]
+        away_s = np.abs(time_s[:, None] - own).min(axis=1)
+        assert not fitted_on[fold][away_s < EMBARGO_S - STEP_S].any()
