@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sources.clone import read
 from sources.motion import FLIP, Motion, at, smoothed, span
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import PARROT_PLACES, fans, throttle, vehicle
 
 COMMIT = "38764a826765958fe31154041ae5788e07dfdba3"
 PATH = "matlab/getExpData10_29_25.mat"
@@ -35,13 +35,6 @@ FULL_SPEED = 3.7 * 100.0
 SQUARE_N = 1.275e-5 * FULL_SPEED**2
 LINEAR_N = (2.0 * 1.275e-5 * 130.9 - 1.670e-3) * FULL_SPEED
 FULL_N = SQUARE_N + LINEAR_N
-PLACES = (
-    (1, -1, "cw"),
-    (1, 1, "ccw"),
-    (-1, 1, "cw"),
-    (-1, -1, "ccw"),
-)
-"""Forward, right, spin: by the authors' input matrix."""
 VEHICLES = {
     "ardrone": vehicle(
         name="ardrone",
@@ -49,7 +42,8 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=0.663,
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        # By the authors' input matrix.
+        fan=fans(PARROT_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(round(FULL_N, 3), expo=round(SQUARE_N / FULL_N, 3), voltage_v=11.1),
     )
 }

@@ -19,9 +19,9 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from sources.clone import read
-from sources.mambo import PLACES, values
+from sources.mambo import values
 from sources.motion import Array, Motion, means, smoothed
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import PARROT_PLACES, fans, throttle, vehicle
 
 COMMIT = "09a96eef91d61f8a7a797c501ef4731e9beaead5"
 PATH = "Hws/RSdata.mat"
@@ -45,7 +45,7 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=round(HOVER_SPEED / FULL_SPEED, 3),
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        fan=fans(PARROT_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(round(FULL_N, 4), expo=1.0, voltage_v=3.7),
     )
 }

@@ -22,7 +22,7 @@ from models.common.frames import GRAVITY
 from sources.clone import read
 from sources.motion import Array, Message, at, boot_clock, imu, means, records, servos, span
 from sources.table_text import columns, rows_of
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import HEXAROTOR_X_PLACES, fans, throttle, vehicle
 
 COMMIT = "4b97703fed3b8c7c2124a1ae3d5c718b740093ee"
 PATH = "data/hexaF550/M1_{}_{}.csv"
@@ -48,14 +48,6 @@ MIXER = np.array(
     ]
 )
 """Of roll, pitch, yaw and thrust to the motors: to the right, left, front left, rear right, front right, rear left."""
-PLACES = (
-    (0.0, 1.0, "cw"),
-    (0.0, -1.0, "ccw"),
-    (0.866, -0.5, "cw"),
-    (-0.866, 0.5, "ccw"),
-    (0.866, 0.5, "ccw"),
-    (-0.866, -0.5, "cw"),
-)
 VEHICLES = {
     "f550": vehicle(
         name="f550",
@@ -63,7 +55,7 @@ VEHICLES = {
         inertia=(WEIGHT_ARM, WEIGHT_ARM, 2.0 * WEIGHT_ARM),
         hover_thrust=HOVER,
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        fan=fans(HEXAROTOR_X_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(round(MASS_KG * GRAVITY / 6.0 / HOVER, 3), expo=0.0, voltage_v=11.1),
     )
 }

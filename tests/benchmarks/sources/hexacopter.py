@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from sources.clone import read
 from sources.motion import FLIP, Array, Motion, averaged, from_wxyz, specific_force
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import HEXAROTOR_X_PLACES, fans, throttle, vehicle
 
 COMMIT = "f4f34bfd4c05d0562bd546b0839622d5d2470183"
 FLIGHTS = "sde4mbrlExamples/rotor_uav/hexa_ahg/my_data/trajs.pkl"
@@ -35,15 +35,6 @@ RADIUS_M = 0.127
 """Guesses: a frame of 550 mm with propellers of ten inches."""
 MAX_THRUST_N = 11.3
 """As the three flights need it together; over them thrust goes with the command to the power of 0.95: linear."""
-PLACES = (
-    (0.0, 1.0, "cw"),
-    (0.0, -1.0, "ccw"),
-    (0.866, -0.5, "cw"),
-    (-0.866, 0.5, "ccw"),
-    (0.866, 0.5, "ccw"),
-    (-0.866, -0.5, "cw"),
-)
-"""Forward, right and spin of the six motors: PX4's hexarotor x, which the authors' mixer agrees with."""
 VEHICLES = {
     "hexacopter": vehicle(
         name="hexacopter",
@@ -51,7 +42,8 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=0.33,
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M),
+        # The authors' mixer agrees with PX4's.
+        fan=fans(HEXAROTOR_X_PLACES, ARM_M, RADIUS_M),
         throttle=throttle(MAX_THRUST_N, expo=0.0, voltage_v=14.8),
     )
 }

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from models.common.frames import GRAVITY
 from sources.clone import read
 from sources.motion import Array, Motion, means, span
-from sources.vehicle_file import fans, throttle, vehicle
+from sources.vehicle_file import PARROT_PLACES, fans, throttle, vehicle
 
 COMMIT = "fb94ca0012a7e0171ee8f0cd78d8b466bc613cc5"
 PATH = "Simulink models/asbQuadcopterRealFlight (version {})/RSdata.mat"
@@ -39,13 +39,6 @@ CT = 0.0107
 COMMAND_TO_SPEED2 = 13840.8
 DENSITY = 1.225
 MAX_THRUST_N = CT * DENSITY * np.pi * RADIUS_M**4 * COMMAND_TO_SPEED2 * FULL_COMMAND
-PLACES = (
-    (1, -1, "cw"),
-    (1, 1, "ccw"),
-    (-1, 1, "cw"),
-    (-1, -1, "ccw"),
-)
-"""Forward, right, spin: by the author's mixer, and as the rates answer the commands."""
 VEHICLES = {
     "mambo": vehicle(
         name="mambo",
@@ -53,7 +46,8 @@ VEHICLES = {
         inertia=INERTIA,
         hover_thrust=0.61,
         radius_m=RADIUS_M,
-        fan=fans(PLACES, ARM_M, RADIUS_M, height_m=HEIGHT_M),
+        # By the author's mixer, and as the rates answer the commands.
+        fan=fans(PARROT_PLACES, ARM_M, RADIUS_M, height_m=HEIGHT_M),
         throttle=throttle(round(MAX_THRUST_N, 4), expo=0.0, voltage_v=3.95),
     )
 }

@@ -21,6 +21,22 @@ CRAZYFLIE_PLACES = (
     (1, -1, "cw"),
 )
 """Of four rotors, over the arm, ahead and to the right, in order of the motors of a Crazyflie."""
+PARROT_PLACES = (
+    (1, -1, "cw"),
+    (1, 1, "ccw"),
+    (-1, 1, "cw"),
+    (-1, -1, "ccw"),
+)
+"""The same of an AR.Drone and a Mambo."""
+HEXAROTOR_X_PLACES = (
+    (0.0, 1.0, "cw"),
+    (0.0, -1.0, "ccw"),
+    (0.866, -0.5, "cw"),
+    (-0.866, 0.5, "ccw"),
+    (0.866, 0.5, "ccw"),
+    (-0.866, -0.5, "cw"),
+)
+"""The same of the six motors of PX4's hexarotor x."""
 
 
 def vehicle(
