@@ -99,6 +99,8 @@ class WallDrift(NamedTuple):
     """What had come apart before, and is still to be taken back."""
     anchor_m: float = math.nan
     """While the range counts: the place across the wall is this plus ``seen``."""
+    began_m: float = 0.0
+    """The correction across the wall when the drift began."""
     correction_ned: Vector3 = (0.0, 0.0, 0.0)
     """Added to positions."""
 
@@ -165,7 +167,7 @@ def compare_wall(
         off = _felt_m(now, felt) - 0.5 * (now.by_range[1] + now.by_position[1])
         if not math.isnan(before.felt_off_m):
             off = before.felt_off_m + (off - before.felt_off_m) * min(dt / _AGREED_S, 1.0)
-        return now._replace(felt_off_m=off)
+        return now._replace(felt_off_m=off, began_m=dot(now.correction_ned, now.normal_ned))
     return _anchored(before, now, dot(position.position_ned, now.normal_ned), felt, dt)
 
 
@@ -265,13 +267,23 @@ def _anchored(
         else:
             least_m = _TELLS_M
         wrong = _told(now, _felt_m(now, felt) - before.felt_off_m, least_m) or wrong
-    now = now._replace(felt_off_m=before.felt_off_m)
+    now = now._replace(felt_off_m=before.felt_off_m, began_m=before.began_m, wrong=wrong)
     if wrong is Wrong.RANGE:
-        return now._replace(wrong=wrong)
+        return now
     if math.isnan(before.anchor_m):
-        return now._replace(wrong=wrong, anchor_m=flown_m - now.seen[0], owed_m=-now.apart_m)
+        given_m = dot(now.correction_ned, now.normal_ned) - now.began_m
+        return now._replace(anchor_m=flown_m - now.seen[0], owed_m=_owed(-now.apart_m, given_m))
     step = clipped(before.owed_m, _BACK_M_S * dt)
-    return now._replace(wrong=wrong, anchor_m=before.anchor_m + step, owed_m=before.owed_m - step)
+    return now._replace(anchor_m=before.anchor_m + step, owed_m=before.owed_m - step)
+
+
+def _owed(parted_m: float, given_m: float) -> float:
+    """What is still to be taken back, where the correction has grown by ``given_m`` since they parted."""
+    if parted_m > 0.0:
+        owed_m = max(parted_m - given_m, 0.0)
+    else:
+        owed_m = min(parted_m - given_m, 0.0)
+    return owed_m
 
 
 def _felt_m(now: WallDrift, felt: Felt) -> float:

@@ -22,7 +22,7 @@ OFTEN = (
     ("wind_gust", "px4"),
 )
 """With those above, one of each kind: those that once went wrong."""
-MISSED = ("vision_turned", "vision_freezes")
+MISSED = ("vision_turned",)
 STACKS = ("ardupilot", "px4")
 
 

@@ -11,8 +11,9 @@ from simflight import vehicle
 from simulated import simulated
 
 from companion.control.reasons import Notice
+from companion.estimation.felt_motion import Felt
 from companion.estimation.surfaces import Seen, Surface
-from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall, corrected
+from companion.estimation.wall_drift import NO_WALL_DRIFT, Wrong, compare_wall, corrected
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack
 from companion.mavlink.message_filter import UNREAD
@@ -175,6 +176,31 @@ def test_without_an_accelerometer_a_frozen_range_drives_the_vehicle_off_by_half_
         )
     assert state.wrong is None
     assert state.correction_ned[1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_came_apart_is_taken_back_once_although_the_range_was_blamed_in_between():
+    """The vehicle rests, its position drifts by 0.4 m. What is felt blames nobody, then the range."""
+    state = NO_WALL_DRIFT
+    surface = Surface(seen=Seen.SURFACE, distance_m=0.8, normal_ned=EAST, plane_m=0.8)
+    blamed = []
+    for k in range(200):
+        t = 10.0 + k / 25.0
+        drift_m = -0.1 * min(max(t - 11.0, 0.0), 4.0)
+        sent = LocalPosition(t, 1, 1, (0.0, drift_m, -1.0), (0.0, 0.0, 0.0))
+        if t < 13.0:
+            felt_m = 0.5 * state.by_position[1]
+        elif t < 13.5:
+            felt_m = state.by_position[1]
+        else:
+            felt_m = 0.0
+        felt = Felt(t_s=t, place=(0.0, felt_m))
+        state, flown_by = corrected(state, sent, felt)
+        now = surface._replace(heard_s=t)
+        state = compare_wall(state, now, flown_by, near_m=2.0, reset_s=-math.inf, felt=felt)
+        blamed.append(state.wrong)
+    assert Wrong.RANGE in blamed
+    assert blamed[-1] is Wrong.POSITION
+    assert flown_by.position_ned[1] == pytest.approx(0.0, abs=0.05)
 
 
 def test_accelerations_are_asked_for_and_read_whether_or_not_sizes_are_measured():
