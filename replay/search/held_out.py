@@ -48,6 +48,8 @@ class Acting:
     """Its wrench (n, 6) on the axes that it acts on, every sample by coefficients of the other folds."""
     axes: tuple[str, ...]
     """Those that it acts on clearly."""
+    main_axes: tuple[str, ...]
+    """The same of the coefficients that make the effect."""
     folds: Array
     """Coefficients of every fold (FOLDS, k)."""
     parameters: dict[str, float]
@@ -171,11 +173,14 @@ def _acting(record: Record, term: Term, x: Array, *, sizes: Array, of_folds: Arr
     fold_of_sample, _ = _split(record)
     wrench_by_fold = np.einsum("nak,fk->fna", x, of_folds)
     held_out = np.take_along_axis(wrench_by_fold, fold_of_sample[None, :, None], axis=0)[0]
+    effect = term.named
+    makes_it = [c.name in effect.main_names for c in effect.coefficients]
     return Acting(
         held_out=_where_judged(record, held_out),
         axes=_clear_axes(record, x @ sizes),
+        main_axes=_clear_axes(record, x @ np.where(makes_it, sizes, 0.0)),
         folds=of_folds,
-        parameters=term.named.parameters(sizes, term.shape),
+        parameters=effect.parameters(sizes, term.shape),
     )
 
 

@@ -10,7 +10,7 @@ from models.effects import Effect
 from replay.search.evidence import Fit
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.posterior import Walked
-from replay.search.terms import Key
+from replay.search.terms import Key, Term
 from replay.search.thresholds import HELD_OUT, NEAR, RIVALS, WORSE_SHARE
 
 AxesOfKeys = dict[Key, tuple[str, ...]]
@@ -44,7 +44,8 @@ def helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
 def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     """The best set with every effect on the axes that it helps; by key, the axes on which it does not act.
 
-    What acts on none of the axes that it carries is no name: the set is weighed again without it.
+    What acts on none of the axes that it carries is no name: the set is weighed again without it. What
+    contains another effect is that one, where the coefficients that make it act nowhere.
     """
     walked, whole = helpful(walked)
     terms = walked.best.of_effects
@@ -61,7 +62,11 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
             fits = [_without(fit, joint, axis) for fit in fits]
             for key in joint:
                 without[key] = (*without.get(key, ()), AXES[axis])
-    idle = [key for key, axes in without.items() if carried(whole, key) <= set(axes)]
+    idle = []
+    for term in terms:
+        nowhere = without.get(term.key, ())
+        if nowhere and _decisive_axes(whole, term) <= set(nowhere):
+            idle.append(term.key)
     if not idle:
         return walked, fits, without
     worst = min(idle, key=lambda key: (share(whole, key), str(key)))
@@ -90,6 +95,17 @@ def carried(fits: Sequence[FlightFit], key: Key) -> set[str]:
     for fit in fits:
         if key in fit.effects:
             out.update(fit.effects[key].axes)
+    return out
+
+
+def _decisive_axes(fits: Sequence[FlightFit], term: Term) -> set[str]:
+    """Axes of which the name needs one: where it acts clearly, or what makes it more than a part of it does."""
+    if not term.named.contains:
+        return carried(fits, term.key)
+    out: set[str] = set()
+    for fit in fits:
+        if term.key in fit.effects:
+            out.update(fit.effects[term.key].main_axes)
     return out
 
 

@@ -35,6 +35,9 @@ def quiet() -> Record:
     return noise_record(11, 90.0, 0.3)
 
 
+LOAD = "slung_load"
+
+
 def added(record: Record, name: str, shape: tuple[float, ...], *coefficients: float) -> Record:
     """The record with an effect's wrench in its residual; coefficients that are not given are 0."""
     x = np.nan_to_num(get(name).regressors(record.context, shape))
@@ -329,7 +332,11 @@ def fit_of(quiet: Record, *pushes: np.ndarray) -> FlightFit:
         wrench = np.zeros((len(push), 6))
         wrench[:, 0] = push
         effects[(f"effect {number}", None, None)] = Acting(
-            held_out=wrench, axes=("Fx",), folds=np.zeros((8, 1)), parameters={}
+            held_out=wrench,
+            axes=("Fx",),
+            main_axes=("Fx",),
+            folds=np.zeros((8, 1)),
+            parameters={},
         )
     still = np.zeros_like(quiet.residual)
     return FlightFit(
@@ -367,6 +374,23 @@ def test_an_effect_that_acts_on_no_axis_that_it_carries_is_no_name(
     assert not answer.found
     reasons = {r.name: r.reason for r in answer.rejected}
     assert reasons["rotor_drag"] == "it makes the error on held-out time larger"
+
+
+def test_a_load_whose_swing_acts_nowhere_is_no_slung_load(
+    quiet: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged = pruning._by_axis
+
+    def weight_only(fits, keys):
+        fits, without = judged(fits, keys)
+        return fits, without | {key: ("Fx", "Fy", "Mx", "My") for key in keys if key[0] == LOAD}
+
+    monkeypatch.setattr(pruning, "_by_axis", weight_only)
+    loaded = added(with_velocity(quiet, 4.0), LOAD, (0.45,), 0.3, 0.3)
+    answer = conclude([loaded], effects=some(LOAD))
+    assert not answer.found
+    reasons = {r.name: r.reason for r in answer.rejected}
+    assert reasons[LOAD] == "it makes the error on held-out time larger"
 
 
 def test_drag_that_was_found_in_still_air_is_kept_whole() -> None:
