@@ -66,7 +66,7 @@ def calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCon
         return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
     if not isinstance(sample, samples.Attitude):
         return False
-    if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
+    if config.base is Base.UPSTREAM and not upstream_silent(state, sample.t_s):
         return False
     return not 0.0 <= sample.t_s - state.sending.decided_s < _SHORTEST_PERIOD_S
 

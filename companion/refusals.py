@@ -99,11 +99,11 @@ def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t
         out.append(Reason.TOO_LATE)
     elif lateness(estimates, config) > LATE_FADE_S:
         out.append(Reason.LATE)
-    if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
+    if config.base is Base.UPSTREAM and upstream_silent(state, t_s):
         out.append(Reason.UPSTREAM_STALE)
 
 
-def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:
+def upstream_silent(state: PipelineState, t_s: float) -> bool:
     """Whether the upstream controller has stopped."""
     return state.requests.upstream is None or t_s - state.requests.upstream.t_s > _UPSTREAM_AGE_S
 

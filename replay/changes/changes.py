@@ -156,7 +156,7 @@ def _other_shape(term: Term, fit: Fit) -> bool:
     return any(shape != term.shape for shape in shared)
 
 
-def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
+def _log_odds(fit: Fit, less: Fit, term: Term) -> float:
     """Log posterior odds of a term beside others, ``less`` the set without it.
 
     The odds of an effect that has kinds are those of each: every fan may have a nicked blade.
@@ -185,7 +185,7 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tupl
     for _, term in evidence.promising(fit, possible)[:TRIED]:
         grown = evidence.fit([*fit.terms, term], fit.noise)
         if term.flight is None or _stands_out(evidence, grown, term):
-            out.append((_log_odds(evidence, grown, fit, term), grown))
+            out.append((_log_odds(grown, fit, term), grown))
     return out
 
 
@@ -196,7 +196,7 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
         if term.flight is None:
             continue
         less = evidence.fit(fit.beside(term), fit.noise)
-        log_odds = _log_odds(evidence, fit, less, term)
+        log_odds = _log_odds(fit, less, term)
         if log_odds < SURE:
             continue
         rivals = []

@@ -51,7 +51,7 @@ def samples(log: FlightLog) -> Iterator[Sample]:
     streams += [iter(log.rings)]
     streams += [_speeds(number, esc.rpm, head) for number, esc in log.escs.items()]
     streams += [_servos(port, series, head) for port, series in log.servo_ports.items()]
-    streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head)]
+    streams += [_batteries(log.battery, head), _targets(log, head), _commands(log)]
     streams += [(LandedState(i.start_s, *head, i.value) for i in log.landed)]
     streams += [_imu(one, head) for one in log.imus[:1]]
     merged = heapq.merge(*streams, key=lambda sample: sample.t_s)
@@ -165,7 +165,7 @@ def _targets(log: FlightLog, head: Head) -> Iterator[Sample]:
         yield AttitudeTarget(t, *head, (q[0], q[1], q[2], q[3]), thrust)
 
 
-def _commands(log: FlightLog, head: Head) -> Iterator[Sample]:
+def _commands(log: FlightLog) -> Iterator[Sample]:
     for t, (w, x, y, z, thrust) in _rows(log.commands):
         yield SetAttitudeTarget(
             t_s=t,

@@ -26,7 +26,7 @@ reaches 0.3 once in four hundred."""
 def choose_outputs(log: FlightLog, wanted: str | None) -> tuple[FlightLog, SourceChoice | None]:
     """The log with ``servo`` and ``motor_outputs`` of the port that drives the motors, and the choice."""
     declared = declared_motors(log.parameters)
-    candidates = _candidates(log, declared)
+    candidates = _candidates(log)
     choice = pick("outputs", candidates, _stated(log, declared), wanted)
     if choice is None:
         return _fallback(log, declared)
@@ -69,7 +69,7 @@ def _fallback(
     return _with_port(log, min(log.servo_ports), declared[0] if declared else None), None
 
 
-def _candidates(log: FlightLog, declared: Sequence[DeclaredMotors]) -> list[Candidate]:
+def _candidates(log: FlightLog) -> list[Candidate]:
     thrust = _thrust(log)
     out = []
     for port, series in log.servo_ports.items():
