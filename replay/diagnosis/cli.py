@@ -153,7 +153,6 @@ def _judge(a: argparse.Namespace, step: Step) -> int:
     from replay.command import fault_lines, given, of_logs, progress_bar, write_answer
     from replay.diagnosis.amended_model import amended
     from replay.diagnosis.diagnose import diagnose
-    from replay.diagnosis.html_report import page
     from replay.diagnosis.model_faults import model_faults
 
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
@@ -189,7 +188,14 @@ def _judge(a: argparse.Namespace, step: Step) -> int:
     if a.save_model is not None or a.test:
         made = amended(chosen.judged, vehicle, answer.adopted, [r.path for r in answer.records])
         lines += _use(a, made, vehicle, content)
-    write_answer(a, content, lines, lambda: page(answer, vehicle, faults))
+
+    def page() -> str:
+        # Templates are loaded only where a page is asked for.
+        from replay.diagnosis import html_report
+
+        return html_report.page(answer, vehicle, faults)
+
+    write_answer(a, content, lines, page)
     return 0
 
 

@@ -246,13 +246,15 @@ def _felt_share(seen: _Seen, rows: Array) -> tuple[float, float]:
     if len(rows) < round(LEAST_S / _step(seen)):
         return 0.0, 0.0
     lift = seen.lift[rows] - np.nanmean(seen.lift[rows])
-    best = 0.0
-    for late in range(-latest, latest + 1):
-        moved = np.clip(rows + late, 0, len(seen.t) - 1)
-        felt = seen.felt[moved] - np.nanmean(seen.felt[moved])
-        both = np.isfinite(lift) & np.isfinite(felt)
-        size = float(lift[both] @ lift[both])
-        best = max(best, float(lift[both] @ felt[both]) / max(size, 1e-12))
+    late = np.arange(-latest, latest + 1)
+    moved = np.clip(rows + late[:, None], 0, len(seen.t) - 1)
+    felt = seen.felt[moved]
+    felt = felt - np.nanmean(felt, axis=1, keepdims=True)
+    both = np.isfinite(lift) & np.isfinite(felt)
+    size = np.where(both, lift**2, 0.0).sum(axis=1)
+    product = np.where(both, lift * felt, 0.0).sum(axis=1)
+    share = product / np.maximum(size, 1e-12)
+    best = max(0.0, float(share.max()))
     return float(np.nanstd(lift)), best
 
 
