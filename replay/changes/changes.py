@@ -14,7 +14,7 @@ from replay.changes.spread import VarianceComponent, as_flown, usual
 from replay.diagnosis.weights import in_shares
 from replay.residual.record import Record
 from replay.search.design import Design
-from replay.search.estimates import DRAWS, SIDE, IntervalEstimate, said
+from replay.search.estimates import DRAWS, SIDE, IntervalEstimate, shown_parameters
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
 from replay.search.significance import Contributions, beyond_bounds, tops
@@ -195,7 +195,7 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
     for term in fit.terms:
         if term.flight is None:
             continue
-        less = evidence.fit(fit.beside(term), fit.noise)
+        less = evidence.fit(fit.terms_without(term), fit.noise)
         log_odds = _log_odds(fit, less, term)
         if log_odds < SURE:
             continue
@@ -208,7 +208,7 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
         probability = min(float(expit(log_odds)), MOST_SURE)
         change = Change(
             effect=get(term.name),
-            estimates=_said(fit, term, evidence.library.records[term.flight].context),
+            estimates=_shown(fit, term, evidence.library.records[term.flight].context),
             probability=round(probability, 3),
             aliases=tuple(name for _, name in rivals),
         )
@@ -217,7 +217,7 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Chan
     return [change for _, change in out]
 
 
-def _said(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...]:
+def _shown(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...]:
     """Sizes as people say them, by draws of every coefficient within its interval."""
     fitted = _estimates(fit, term)
     normal = np.random.default_rng(0).standard_normal((DRAWS, len(fitted)))
@@ -227,7 +227,7 @@ def _said(fit: Fit, term: Term, context: Context) -> tuple[IntervalEstimate, ...
         if one.ci95 is not None:
             low, high = one.ci95
             draws[one.name] = one.value + normal[:, i] * (high - low) / (2.0 * SIDE)
-    return in_shares(said(term.named, context, fitted, draws), context.vehicle)
+    return in_shares(shown_parameters(term.named, context, fitted, draws), context.vehicle)
 
 
 def _estimates(fit: Fit, term: Term) -> tuple[IntervalEstimate, ...]:

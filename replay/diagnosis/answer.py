@@ -365,8 +365,8 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
         out["decided_by"] = f.decided_by
     if len(answer.traces) > 1:
         out["flights"] = {
-            answer.traces[i].record.name: _values(said, answer)
-            for i, said in f.said_of_flight.items()
+            answer.traces[i].record.name: _values(shown, answer)
+            for i, shown in f.shown_of_flight.items()
         }
     return out
 

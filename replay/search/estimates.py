@@ -89,7 +89,7 @@ class Sizes:
 
     fitted: tuple[IntervalEstimate, ...]
     """As a model directory keeps them."""
-    said: tuple[IntervalEstimate, ...]
+    shown: tuple[IntervalEstimate, ...]
     """As people say them: ``Effect.shown``."""
 
 
@@ -129,7 +129,7 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
         draws_of[shape.name] = _draws_of_shape(shape, len(draws))
     return Sizes(
         fitted=(*fitted, *shapes),
-        said=said(effect, context, [*possible, *shapes], draws_of),
+        shown=shown_parameters(effect, context, [*possible, *shapes], draws_of),
     )
 
 
@@ -179,7 +179,7 @@ def _draws_of_shape(shape: IntervalEstimate, count: int) -> Array:
     return np.clip(shape.value + sd * normal, low, high)
 
 
-def said(
+def shown_parameters(
     effect: Effect, context: Context, fitted: Sequence[IntervalEstimate], draws: Mapping[str, Array]
 ) -> tuple[IntervalEstimate, ...]:
     """Parameters as people say them, by draws (m,) of all of them: weighted quantiles of the quantities."""

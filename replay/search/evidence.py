@@ -63,9 +63,9 @@ V = TypeVar("V")
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    score = TRUST evidence + within + significance + prior. ``evidence``: log marginal likelihood.
-    ``within``: log share of it within the bounds. ``significance``: log share of what deserves a name. ``prior``: log
-    odds of the terms, and log prior of the noise.
+    score = TRUST evidence + log_in_bounds + significance + prior. ``evidence``: log marginal likelihood.
+    ``log_in_bounds``: log share of it within the bounds. ``significance``: log share of what deserves
+    a name. ``prior``: log odds of the terms, and log prior of the noise.
     """
 
     terms: tuple[Term, ...]
@@ -73,19 +73,19 @@ class Fit:
     cov: Array
     noise: Noise
     evidence: float = 0.0
-    within: float = 0.0
+    log_in_bounds: float = 0.0
     significance: float = 0.0
     prior: float = 0.0
 
     @property
     def score(self) -> float:
         """Log posterior of the set, up to a constant."""
-        return self.promise + self.significance
+        return self.score_at_any_size + self.significance
 
     @property
-    def promise(self) -> float:
+    def score_at_any_size(self) -> float:
         """Whatever the size of its terms: of a set that is still to grow, as another term may make them larger."""
-        return TRUST * self.evidence + self.within + self.prior
+        return TRUST * self.evidence + self.log_in_bounds + self.prior
 
     @property
     def key(self) -> frozenset[Key]:
@@ -102,7 +102,7 @@ class Fit:
         """Names of its effects."""
         return {t.name for t in self.of_effects}
 
-    def beside(self, term: Term) -> list[Term]:
+    def terms_without(self, term: Term) -> list[Term]:
         """Its terms but for one."""
         return [t for t in self.terms if t is not term]
 
@@ -173,23 +173,23 @@ class Evidence:
             cov=cov,
             noise=noise,
             evidence=self._laplace(design, mean, cov, log_likelihood),
-            within=beyond_bounds(terms, mean, cov),
+            log_in_bounds=beyond_bounds(terms, mean, cov),
             significance=log_significance(contributions),
             prior=sum(t.prior for t in terms) - loudness,
         )
 
     def log_factors(self, terms: Sequence[Term], noise: Noise, least: float) -> float:
-        """``within`` and ``significance`` of a set beside a given noise; something below ``least`` where they are.
+        """``log_in_bounds`` plus ``significance`` of a set beside a given noise.
 
-        At most ``most_log_factors``.
+        Something below ``least`` where they are below it. At most ``most_log_factors``.
         """
         terms = in_order(terms)
         design = self._design(terms)
         mean, cov = self._posterior(design, noise)
-        within = beyond_bounds(terms, mean, cov)
-        if within < least:
-            return within
-        return within + log_significance(Contributions(design, mean, cov))
+        in_bounds = beyond_bounds(terms, mean, cov)
+        if in_bounds < least:
+            return in_bounds
+        return in_bounds + log_significance(Contributions(design, mean, cov))
 
     def stands_out(self, fit: Fit, term: Term) -> float:
         """How far a further term would do so, beside a set and its noise: 1 is just enough to be named.

@@ -65,11 +65,11 @@ def _with_another(sets: Sets, fit: Fit, term: Term) -> list[Fit]:
     bases = [fit]
     for gone in fit.terms:
         if gone not in same:
-            bases.append(sets.weigh(fit.beside(gone), fit))
+            bases.append(sets.weigh(fit.terms_without(gone), fit))
     grown: list[Fit] = []
     for base in bases:
         grown += _grown(sets, base, others)
-    likeliest = max(grown, key=lambda new: new.promise)
+    likeliest = max(grown, key=lambda new: new.score_at_any_size)
     return [lighter(sets, likeliest)]
 
 

@@ -58,7 +58,7 @@ class Found:
     """Flights whose residual it lowers where it was fitted on the others."""
     of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
     """Parameters of every flight on which it acts, as a model directory keeps them."""
-    said_of_flight: dict[int, tuple[IntervalEstimate, ...]] = field(default_factory=dict)
+    shown_of_flight: dict[int, tuple[IntervalEstimate, ...]] = field(default_factory=dict)
     """The same as people say them."""
     small: bool = False
     """Whether it explains less than ``SMALL`` of every part of every flight."""
@@ -201,7 +201,7 @@ def _found(
     return Found(
         effect=term.named,
         fitted=fitted,
-        estimates=sizes_of_flight[flight].said,
+        estimates=sizes_of_flight[flight].shown,
         axes=tuple(a for a in AXES if a in axes),
         explains=sum(shares.values()),
         probability=round(min(probability, of_sign), 3),
@@ -210,7 +210,7 @@ def _found(
         without=without.get(term.key, ()),
         confirmed_by=tuple(f.index for f in fits if not f.confirms.isdisjoint(shares)),
         of_flight=of_flight,
-        said_of_flight={i: size.said for i, size in sizes_of_flight.items()},
+        shown_of_flight={i: size.shown for i, size in sizes_of_flight.items()},
         small=small,
         members=members,
         push=_push(fits[flight], term.key) if members else "",

@@ -71,7 +71,7 @@ def _profile(walked: Walked, term: Term, i: int) -> dict[float, float]:
     evidence = walked.evidence
     library = evidence.library
     kinds = term.named.shapes[i].kinds
-    beside = evidence.refit(walked.best.beside(term), walked.best.noise)
+    beside = evidence.refit(walked.best.terms_without(term), walked.best.noise)
     screened = evidence.screen(beside, term.key)
     gains: dict[float, float] = {}
     for number in library.numbers_of[term.key]:

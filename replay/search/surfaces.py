@@ -32,8 +32,8 @@ def with_surface_law(walked: Walked) -> Walked:
         for terms in dict.fromkeys((best.terms, lawless)):
             mapped = _with_map(walked.evidence, terms, effect)
             candidates.append(_lighter(walked.evidence, mapped))
-        mapped = max(candidates, key=lambda fit: round(fit.promise, 6))
-        odds = mapped.promise - best.promise
+        mapped = max(candidates, key=lambda fit: round(fit.score_at_any_size, 6))
+        odds = mapped.score_at_any_size - best.score_at_any_size
         if odds > MARGIN:
             return replace(
                 walked, best=replace(mapped, significance=best.significance), map_log_odds=odds
@@ -55,17 +55,17 @@ def _with_map(evidence: Evidence, terms: Sequence[Term], effect: Effect) -> Fit:
     grid = np.array(effect.shape_grid(library.records[0].context))
 
     @cache
-    def promise(shape: tuple[float, ...]) -> float:
+    def score_at(shape: tuple[float, ...]) -> float:
         term = library.term_of(effect, shape)
         found = evidence.fit([*named, term], quiet)
         evidence.forget(term)  # its many columns would stay in the way of all others
-        return found.promise
+        return found.score_at_any_size
 
     shape = tuple(1.0 for _ in grid.T)
     for _ in range(ROUNDS):
         for i, values in enumerate(grid.T):
             shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
-            shape = max(shapes, key=promise)
+            shape = max(shapes, key=score_at)
     return evidence.fit([*named, library.term_of(effect, shape)], quiet)
 
 
@@ -73,8 +73,8 @@ def _lighter(evidence: Evidence, fit: Fit) -> Fit:
     """Without the terms that the map, which is the last, clearly makes unnecessary."""
     lighter = []
     for term in fit.terms[:-1]:
-        lighter.append(evidence.fit(fit.beside(term), fit.noise))
-    lightest = max(lighter, key=lambda f: f.promise, default=fit)
-    if lightest.promise > fit.promise + MARGIN:
+        lighter.append(evidence.fit(fit.terms_without(term), fit.noise))
+    lightest = max(lighter, key=lambda f: f.score_at_any_size, default=fit)
+    if lightest.score_at_any_size > fit.score_at_any_size + MARGIN:
         return _lighter(evidence, lightest)
     return fit

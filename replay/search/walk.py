@@ -105,11 +105,11 @@ def _grow(sets: Sets, empty: Fit, most: int, account: Account) -> None:
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
             for new in _larger(sets, fit, account):
-                if new.promise > fit.promise:
+                if new.score_at_any_size > fit.score_at_any_size:
                     grown[new.key] = new
         if not grown:
             break
-        likeliest = sorted(grown.values(), key=lambda f: -round(f.promise, 6))
+        likeliest = sorted(grown.values(), key=lambda f: -round(f.score_at_any_size, 6))
         polished: dict[frozenset[Key], Fit] = {}
         for fit in likeliest[:BEAM]:
             shaped = _sharpened(sets, _reshaped(sets, fit))
@@ -169,7 +169,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     new = sets.weigh([*fit.terms, term], fit)
     if new.score > fit.score:
         return new
-    if_possible_and_large = new.score - new.significance - min(new.within, 0.0)
+    if_possible_and_large = new.score - new.significance - min(new.log_in_bounds, 0.0)
     if if_possible_and_large <= fit.score:
         return new
     for other in _other_shapes(sets.evidence, fit, term):
@@ -216,7 +216,7 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
         one_shape = len(evidence.library.numbers_of[term.key]) < 2
         if only not in (None, term.key) or one_shape or term not in fit.terms:
             continue
-        others = fit.beside(term)
+        others = fit.terms_without(term)
         odds = _odds(evidence, others, fit, term.key)
         likeliest = max(odds, key=lambda t: round(odds[t], 6))
         if likeliest is not term:
@@ -242,8 +242,8 @@ def lighter(sets: Sets, fit: Fit) -> Fit:
     """Less whatever the others do without."""
     for term in fit.terms:
         if len(fit.terms) > 1:
-            new = sets.weigh(fit.beside(term), fit)
-            if new.promise > fit.promise:
+            new = sets.weigh(fit.terms_without(term), fit)
+            if new.score_at_any_size > fit.score_at_any_size:
                 return lighter(sets, new)
     return fit
 
@@ -255,7 +255,7 @@ def _settled(sets: Sets, fit: Fit, account: Account) -> Fit:
         for term in fit.terms:
             if not account.lasts(SETTLING, "one effect in place of another"):
                 return _best(tried)
-            less = sets.weigh(fit.beside(term), fit)
+            less = sets.weigh(fit.terms_without(term), fit)
             tried.append(less)
             tried += _grown(sets, less, 4)
         tried += _grown(sets, fit, TRIED)
@@ -275,7 +275,7 @@ def _weigh_exchanges(sets: Sets, fit: Fit, account: Account) -> None:
     for term in fit.terms:
         if not account.lasts(1.0, "two effects in place of one"):
             return
-        less = sets.weigh(fit.beside(term), fit)
+        less = sets.weigh(fit.terms_without(term), fit)
         for grown in _grown(sets, less, 3):
             if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
                 for other in additions(sets, grown, 4):

@@ -84,9 +84,9 @@ def test_without_any_row_the_posterior_is_the_prior(evidence: Evidence, noise: N
 def test_the_score_is_the_sum_of_its_parts(evidence: Evidence, noise: Noise) -> None:
     fit = evidence.fit([term(evidence, "imu_bias")], noise)
     assert fit.score == pytest.approx(
-        TRUST * fit.evidence + fit.within + fit.significance + fit.prior
+        TRUST * fit.evidence + fit.log_in_bounds + fit.significance + fit.prior
     )
-    assert fit.promise == pytest.approx(fit.score - fit.significance)
+    assert fit.score_at_any_size == pytest.approx(fit.score - fit.significance)
 
 
 def test_the_prior_is_the_effects_chance_spread_over_its_shapes(evidence: Evidence) -> None:

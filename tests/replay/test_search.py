@@ -596,7 +596,7 @@ def test_a_set_that_grows_keeps_what_is_not_worth_a_name_yet() -> None:
     (fit,) = sets(a=10.0)
     fit = replace(fit, significance=-2000.0)
     assert fit.score == pytest.approx(-1990.0)
-    assert fit.promise == pytest.approx(10.0)
+    assert fit.score_at_any_size == pytest.approx(10.0)
 
 
 def test_a_clock_that_is_off_is_no_lag(quiet: Record) -> None:

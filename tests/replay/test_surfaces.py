@@ -29,7 +29,7 @@ class Fitted:
     """A set by the names of its terms."""
 
     terms: tuple[Named, ...]
-    promise: float
+    score_at_any_size: float
     significance: float = 0.0
 
     @property
@@ -43,12 +43,12 @@ def with_map(monkeypatch, beside: float, instead: float) -> Walked:
 
     def with_map_of(_, others, effect):
         gain = {2: beside, 1: instead}[len(others)]
-        return Fitted(terms=(*others, Named(effect.name)), promise=WITHOUT + gain)
+        return Fitted(terms=(*others, Named(effect.name)), score_at_any_size=WITHOUT + gain)
 
     monkeypatch.setattr(surfaces, "_with_map", with_map_of)
     monkeypatch.setattr(surfaces, "_lighter", lambda _, fit: fit)
     library = SimpleNamespace(remainders=[get("surface_law")])
-    best = Fitted(terms=terms, promise=WITHOUT)
+    best = Fitted(terms=terms, score_at_any_size=WITHOUT)
     walked = Walked(evidence=SimpleNamespace(library=library), fits={}, best=best)
     return surfaces.with_surface_law(walked)
 
