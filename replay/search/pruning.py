@@ -32,21 +32,13 @@ def predictive(walked: Walked) -> Walked:
 
 
 def helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
-    """The best set without the effects that raise the error of held-out time, and every flight under it.
-
-    Beside the others an effect may raise it while the best set without it leaves still more: then it stays.
-    """
+    """The best set without the effects that raise the error of held-out time, and every flight under it."""
     fits = flight_fits(walked.evidence, walked.best)
     gains = {t.key: share(fits, t.key) for t in walked.best.of_effects}
     worst = min(gains, key=lambda key: gains[key], default=None)
-    if worst is None or gains[worst] >= 0.0:
+    if worst is None or gains[worst] > -WORSE_SHARE:
         return walked, fits
-    less, fits_of_less = helpful(walked.without(worst))
-    _, left = _energies(fits, None)
-    _, left_of_less = _energies(fits_of_less, None)
-    if left_of_less > left:
-        return walked, fits
-    return less, fits_of_less
+    return helpful(walked.without(worst))
 
 
 def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:

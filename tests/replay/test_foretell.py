@@ -46,25 +46,6 @@ def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, *tuple[float, ...]]
     return answer.best.key, set(answer.fits)
 
 
-@pytest.mark.parametrize(("left_without", "stays"), [(99.0, False), (120.0, True)])
-def test_an_effect_that_leaves_unseen_time_worse_goes_where_the_set_without_it_is_better(
-    monkeypatch, left_without, stays
-):
-    gains = {"wind": 0.3, "motor_lag": -0.001}
-    both = set(gains)
-
-    def walked(names: set[str]):
-        terms = [SimpleNamespace(key=name) for name in sorted(names)]
-        best = SimpleNamespace(of_effects=terms, left=100.0 if names == both else left_without)
-        return SimpleNamespace(evidence=None, best=best, without=lambda key: walked(names - {key}))
-
-    monkeypatch.setattr(pruning, "flight_fits", lambda _, best: best)
-    monkeypatch.setattr(pruning, "share", lambda _, key: gains[key])
-    monkeypatch.setattr(pruning, "_energies", lambda best, axes: (BEFORE, best.left))
-    answer, _ = pruning.helpful(walked(both))
-    assert ("motor_lag" in [term.key for term in answer.best.of_effects]) is stays
-
-
 def test_the_likeliest_set_stays_where_it_foretells_about_as_well(monkeypatch):
     best, kept = chosen(monkeypatch, (("wind",), 0.0, 190.0), (("rotor_drag",), -3.0, 100.0))
     assert best == {"wind"}
