@@ -90,7 +90,7 @@ def of_logs(
     if model not in (None, NONE):  # a wrong model is said before the logs are read
         load(model)
     made = draft(logs, known, target_system, measured=measured)
-    return made.vehicle, _chosen(made.vehicle, model), made if measured else None
+    return made.vehicle, _chosen(made.vehicle, model), made
 
 
 def _chosen(vehicle: Vehicle, model: str | None) -> Choice:

@@ -22,6 +22,8 @@ _LARGE = 4 * 2**20
 """Bytes of an array that is written to disk. A log below some ten MB has none."""
 BLOCK = 1 << 17
 """Rows that are worked on at a time: a few MB."""
+AT_ONCE = 4 * 2**20
+"""Bytes of a file that are looked at before their memory is given back."""
 _MOST = 300
 """Arrays on disk at a time: each holds a file open, and a process may open about a thousand."""
 _FOLDER = Path("/var/tmp")

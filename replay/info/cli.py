@@ -68,6 +68,7 @@ def run(a: argparse.Namespace) -> int:
     from replay.command import check_declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
     from replay.info.info import decided, inspect, unasked
+    from replay.logs.formats import load
     from replay.vehicle.given import Given
 
     check_declared(a.vehicle, a.model)
@@ -89,10 +90,13 @@ def run(a: argparse.Namespace) -> int:
             vehicle, chosen, draft = vehicle_and_model(measured=a.companion)
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
-            with suppress(LogError):  # no diagnosis takes it, but its vehicle may be known
-                vehicle, chosen, _ = vehicle_and_model(measured=False)
+            if a.companion:
+                with suppress(LogError):  # no diagnosis takes it, but its vehicle may be known
+                    vehicle, chosen, _ = vehicle_and_model(measured=False)
         try:
-            answer = inspect(path, vehicle, a.target_system, refusal, known.settings)
+            read = {} if draft is None else draft.read
+            logs = read.get(path) or load(path, a.target_system, known.settings)
+            answer = inspect(path, logs, vehicle, refusal)
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})
@@ -105,7 +109,10 @@ def run(a: argparse.Namespace) -> int:
             )
         elif a.companion:
             answer = replace(answer, companion=unasked(refusal))
-        answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
+        answers.append(
+            answer.as_json()
+            | ({"drafted": draft.as_json()} if draft is not None and a.companion else {})
+        )
         if speaks(a):
             print(answer.as_line(named[path]) if folders else answer.as_text())
             if a.companion and vehicle is not None and chosen.note and not folders:

@@ -15,7 +15,6 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Interval, SourceChoice
 from replay.info.abilities import Ability, Extent, abilities
 from replay.info.contents import Stream, streams
-from replay.logs.formats import load
 from replay.numbers import rounded
 from replay.rerun.report import run
 from replay.sources.choose import source_notes, sources_json
@@ -109,18 +108,12 @@ class LogInfo:
 
 
 def inspect(
-    path: Path,
-    vehicle: Vehicle | None,
-    target_system: int | None = None,
-    refusal: str = "",
-    settings: Mapping[str, str] | None = None,
+    path: Path, logs: Sequence[FlightLog], vehicle: Vehicle | None, refusal: str = ""
 ) -> LogInfo:
-    """Read one log as ``vehicle``. Raises LogError where it cannot be read; what it lacks is in the answer.
+    """What the ``logs`` of one file hold, read as ``vehicle``; what they lack is in the answer.
 
     ``vehicle``: None where none can be drafted. ``refusal``: why no diagnosis would take it, where that is known.
-    ``settings``: the instance to read, by quantity.
     """
-    logs = load(path, target_system, settings)
     boots = [_boot(_with_frame(log), vehicle) for log in logs]
     flown = next((log for log in logs if log.armed), logs[0])
     if vehicle is None:

@@ -28,7 +28,7 @@ from replay.logs.columns import Messages, believable
 from replay.logs.files import HEAD_BYTES, check_head, is_text_dataflash, read_file
 from replay.logs.parameters import Row
 from replay.logs.text_dataflash import binary_of_text
-from replay.spill import Spool, blocks, release, spans, spilled
+from replay.spill import AT_ONCE, Spool, blocks, picked, release, spans, spilled
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")
@@ -66,8 +66,6 @@ _FMT_TYPE = np.dtype(
         ("columns", "S64"),
     ]
 )
-_AT_ONCE = 16 * 2**20
-"""Bytes that are looked through before their memory is given back."""
 _SHORTEST = 3
 """Bytes of a message without fields."""
 _TIMES = ("TimeUS", "TimeMS")
@@ -252,7 +250,7 @@ class Dataflash:
             if kind.dtype is not None and kind.readable and kind.name in names and len(offsets):
                 messages = sliding_window_view(data, kind.length)
                 raw = Spool(np.uint8, (kind.length,))
-                for rows in spans(offsets, _AT_ONCE):
+                for rows in spans(offsets, AT_ONCE):
                     raw.append(messages[offsets[rows]])
                 yield _Records(kind, offsets, raw.array().view(kind.dtype).reshape(-1))
 
@@ -348,7 +346,7 @@ class Dataflash:
                 times.append(records.stamps())
         place = np.concatenate(places)
         order = np.argsort(place)
-        return place[order], np.concatenate(times)[order]
+        return picked(place, order), picked(np.concatenate(times), order)
 
     @functools.cached_property
     def _gps_clock(self) -> tuple[Whole, Array]:
@@ -373,13 +371,15 @@ class Dataflash:
         """The same, split where the clock starts anew: a reboot in flight that went on in the same log."""
         place, t_s = self._clock
         good = np.isfinite(believable(t_s))
-        place = place[good]
-        t_s = t_s[good]
+        place = picked(place, good)
+        t_s = picked(t_s, good)
         if not len(place):
             return [self]
         following = np.pad(t_s[1:], (0, _DECIDING), constant_values=-1.0)
         highest_next = sliding_window_view(following, _DECIDING)[: len(t_s) - 1].max(axis=1)
         cuts = place[1:][t_s[:-1] - highest_next > _BACK_S].tolist()
+        if not cuts:
+            return [self]
         ends = itertools.pairwise([0, *cuts, len(self.data)])
         return [self._part(first, end) for first, end in ends]
 
@@ -388,7 +388,8 @@ class Dataflash:
         own = {}
         for kind, offsets in self.places.items():
             since = 0 if kind.name in _LASTING else first
-            own[kind] = offsets[(offsets >= since) & (offsets < end)]
+            begins, ends = offsets.searchsorted((since, end))
+            own[kind] = offsets[begins:ends]
         return replace(self, places=own)
 
 
@@ -407,7 +408,9 @@ def read_boots(path: Path) -> list[Dataflash]:
     parts: list[Dataflash] = []
     for boot in walk.boots:
         if boot:
-            places = {kind: np.frombuffer(offsets, np.int64) for kind, offsets in boot.items()}
+            places = {}
+            for kind, offsets in boot.items():
+                places[kind] = spilled(np.frombuffer(offsets, np.int64))
             log = Dataflash(
                 path=path, boot=0, size=len(raw), data=data, places=places, notes=tuple(notes)
             )
@@ -438,7 +441,7 @@ class _Walk:
         self.boots = [boot]
         n = len(data)
         i = 0
-        looked_through = _AT_ONCE
+        looked_through = AT_ONCE
         kinds = self._kinds
         doubted = self._doubted
         while i + _SHORTEST <= n:
@@ -465,7 +468,7 @@ class _Walk:
             places.append(i)
             i += kind.length
             if i >= looked_through:
-                looked_through = i + _AT_ONCE
+                looked_through = i + AT_ONCE
                 release()
         self._rest = n - i
 

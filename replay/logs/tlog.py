@@ -265,9 +265,12 @@ def outliers(values: Whole, tolerance: int) -> Whole:
     if last < 4 or not odd.size:
         return np.empty(0, np.int64)
     near = np.unique(np.clip(odd[:, None] + np.arange(-2, 4), 0, last))
-    # Beyond the ends the sequence is mirrored.
-    around = np.abs(near[:, None] + np.arange(-2, 3))
-    around = np.where(around <= last, around, 2 * last - around)
-    median = np.median(values[around], axis=1)
-    far = np.abs(values[near] - median) > tolerance
-    return np.asarray(near[far])
+    found = []
+    for rows in blocks(len(near)):
+        # Beyond the ends the sequence is mirrored.
+        around = np.abs(near[rows, None] + np.arange(-2, 3))
+        around = np.where(around <= last, around, 2 * last - around)
+        median = np.median(values[around], axis=1)
+        far = np.abs(values[near[rows]] - median) > tolerance
+        found.append(near[rows][far])
+    return np.concatenate(found)

@@ -37,7 +37,7 @@ from replay.logs.columns import (
 from replay.logs.files import read_file
 from replay.logs.parameters import Row, change_notes, in_force, take_off
 from replay.logs.ulg_repair import repaired
-from replay.spill import release, spilled
+from replay.spill import AT_ONCE, blocks, release, spilled
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
@@ -74,8 +74,6 @@ _BODY_FRD = 12
 _ROUNDS = 16
 _SPARE = 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
-_AT_ONCE = 16 * 2**20
-"""Bytes that are read before their memory is given back."""
 _TOPICS = [
     "vehicle_attitude",
     "vehicle_angular_velocity",
@@ -103,7 +101,11 @@ _TOPICS = [
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """The boots in the file, more than one where logs were joined. ``target_system`` is for links."""
     data = read_file(path, _HEAD[:4], "PX4 log")
-    heads = [match.start() for match in re.finditer(re.escape(_HEAD), data)]
+    heads = []
+    for rows in blocks(len(data), AT_ONCE):
+        # A head may lie across the end of a block.
+        window = data[rows.start : rows.stop + len(_HEAD) - 1]
+        heads += [rows.start + match.start() for match in re.finditer(re.escape(_HEAD), window)]
     begins = [0, *(start for start in heads if start)]
     logs: list[FlightLog] = []
     problems: list[LogError] = []
@@ -126,7 +128,7 @@ class _Bounded:
         self._data = data
         self._at = 0
         self._left = _ROUNDS * len(data) + _SPARE
-        self._release_at = self._left - _AT_ONCE
+        self._release_at = self._left - AT_ONCE
 
     def read(self, size: int) -> bytes:
         """The next bytes, counted."""
@@ -136,7 +138,7 @@ class _Bounded:
         if self._left < 0:
             raise EOFError("a damaged length leads in circles")
         if self._left < self._release_at:
-            self._release_at = self._left - _AT_ONCE
+            self._release_at = self._left - AT_ONCE
             release()
         return data
 

@@ -12,6 +12,7 @@ import struct
 from dataclasses import dataclass
 
 from companion.mavlink.wire_frames import Content
+from replay.spill import AT_ONCE, release
 
 _FILE_HEADER = 16
 _HEADER = 3
@@ -68,8 +69,12 @@ class _Walk:
         """Damage as start, end."""
         self._cut = 0
         i = before = min(_FILE_HEADER, len(data))
+        looked_through = AT_ONCE
         for end in (*_appended(data), len(data)):
             while i < end:
+                if i >= looked_through:
+                    looked_through = i + AT_ONCE
+                    release()
                 following = self._end(i)
                 within = i < following <= end
                 readable = within and self._readable(i, following)

@@ -142,7 +142,7 @@ def draft(
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers([first, *logs[1:]], frame, parameters, sizes))
     if not measured:
-        return Draft(start, ())
+        return Draft(start, (), read=read)
     found, how = _measured(_records(logs, start, target_system, given.settings), start)
     hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
     said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}

@@ -10,6 +10,8 @@ from companion.mavlink.wire_frames import cut
 from companion.vehicles import QUAD, TANDEM
 from replay.cli import main
 from replay.flightlog import Interval
+from replay.info.info import inspect
+from replay.logs.bin_flightlog import read
 from replay.logs.formats import load
 
 
@@ -166,7 +168,7 @@ def test_without_rotor_speeds_and_outputs_both_ways_to_log_thrust_are_said(tmp_p
     assert "RCOUT (bit 10)" in thrust["change"], "outputs need no other ESCs"
 
 
-def test_time_armed_is_no_longer_than_the_log(tmp_path, capsys, monkeypatch):
+def test_time_armed_is_no_longer_than_the_log(tmp_path):
     """The message of arming may be older than the first attitude."""
     write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
     log = load(tmp_path / "a.tlog")[0]
@@ -176,12 +178,10 @@ def test_time_armed_is_no_longer_than_the_log(tmp_path, capsys, monkeypatch):
         modes=(Interval(log.start_s - 5.0, log.end_s, 5),),
         landed=(Interval(log.start_s - 5.0, log.start_s + 2.0, 1),),
     )
-    monkeypatch.setattr("replay.info.info.load", lambda *_: [too_long])
-    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD)
-    (boot,) = answer["boots"]
-    assert boot["armed_s"] == pytest.approx(boot["duration_s"])
-    assert boot["air_s"] == pytest.approx(boot["duration_s"] - 2.0)
-    assert sum(boot["modes_s"].values()) == pytest.approx(boot["duration_s"])
+    (boot,) = inspect(log.path, [too_long], None).boots
+    assert boot.armed_s == pytest.approx(boot.duration_s)
+    assert boot.air_s == pytest.approx(boot.duration_s - 2.0)
+    assert sum(boot.modes_s.values()) == pytest.approx(boot.duration_s)
 
 
 def test_a_folder_gets_one_line_a_log(tmp_path, capsys):
@@ -192,3 +192,17 @@ def test_a_folder_gets_one_line_a_log(tmp_path, capsys):
     assert a.startswith("a.tlog: quad-x, 20 s, ")
     assert "forces (Fx Fy Fz)" in a
     assert b.startswith("b.tlog: quad-x, 10 s, ")
+
+
+def test_a_log_is_read_once(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "flight.bin"
+    path.write_bytes(bin_flight(10.0))
+    reads = []
+
+    def counted(path, target_system):
+        reads.append(path)
+        return read(path, target_system)
+
+    monkeypatch.setattr("replay.logs.bin_flightlog.read", counted)
+    assert main(["info", str(path)]) == 0
+    assert reads == [path]

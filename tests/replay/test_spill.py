@@ -29,6 +29,8 @@ def small_blocks(monkeypatch):
     monkeypatch.setattr(spans, "__defaults__", (4 * SHORT,))
     for name in ("tlog", "repeats"):
         monkeypatch.setattr(f"replay.logs.{name}.BLOCK", SHORT)
+    for name in ("bin", "ulg", "ulg_repair"):
+        monkeypatch.setattr(f"replay.logs.{name}.AT_ONCE", SHORT)
     for name in ("columns", "decided"):
         monkeypatch.setattr(f"replay.export.{name}.BLOCK", SHORT)
 
@@ -109,6 +111,15 @@ def test_info_by_blocks_says_the_same(recorded, request, capsys):
         if len(said) == 1:
             request.getfixturevalue("small_blocks")
     assert said[0] == said[1]
+
+
+def test_a_px4_log_that_begins_across_two_blocks_is_found(tmp_path, monkeypatch):
+    pytest.importorskip("pyulog")
+    first = ulg_flight(4.0)
+    path = tmp_path / "joined.ulg"
+    path.write_bytes(first + ulg_flight(8.0))
+    monkeypatch.setattr("replay.logs.ulg.AT_ONCE", len(first) + 3)
+    assert len(load(path)) == 2
 
 
 def test_a_spool_gives_back_its_rows_from_disk(small_blocks):
