@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.common.frames import Array
 from models.vehicle.motor_outputs import CAN, DeclaredMotors, declared_motors
 from replay.flightlog import FlightLog, MotorOutputs, Series, SourceChoice, Stated
 from replay.sources.candidates import Candidate, pick
 from replay.sources.imu import correlation
-from replay.spill import blocks
+from replay.spill import BLOCK, Spool, blocks
 
 IDLE_US = 30.0
 """An output that never moves by more, of some 1000, drives no motor in flight."""
@@ -112,7 +111,7 @@ def moving_outputs(series: Series) -> set[int]:
     """Outputs, from 1, that move; 0 is no pulse."""
     low = np.inf
     high = -np.inf
-    for rows in blocks(len(series)):
+    for rows in blocks(len(series), BLOCK // series.values.shape[1]):
         pulses = series.values[rows]
         known = np.isfinite(pulses) & (pulses > 0.0)
         low = np.minimum(low, np.where(known, pulses, np.inf).min(axis=0))
@@ -133,8 +132,10 @@ def _thrust(log: FlightLog) -> Series | None:
 def _follows(series: Series, output: int, thrust: Series | None) -> bool:
     if thrust is None:
         return True
-    reference: Array = thrust.at(series.t_s)[:, 0]
-    return correlation(series.values[:, output - 1], reference) > _FOLLOWS
+    reference = Spool(np.float64)
+    for rows in blocks(len(series)):
+        reference.append(thrust.at(series.t_s[rows])[:, 0])
+    return correlation(series.values[:, output - 1], reference.array()) > _FOLLOWS
 
 
 def _name(port: int) -> str:
