@@ -109,10 +109,10 @@ def run(a: argparse.Namespace) -> int:
             )
         elif a.companion:
             answer = replace(answer, companion=unasked(refusal))
-        answers.append(
-            answer.as_json()
-            | ({"drafted": draft.as_json()} if draft is not None and a.companion else {})
-        )
+        content = answer.as_json()
+        if draft is not None and a.companion:
+            content["drafted"] = draft.as_json()
+        answers.append(content)
         if speaks(a):
             print(answer.as_line(named[path]) if folders else answer.as_text())
             if a.companion and vehicle is not None and chosen.note and not folders:
