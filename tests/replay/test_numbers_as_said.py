@@ -35,9 +35,6 @@ def quiet() -> Record:
     return noise_record(11, 90.0, 0.3)
 
 
-LOAD = "slung_load"
-
-
 def added(record: Record, name: str, shape: tuple[float, ...], *coefficients: float) -> Record:
     """The record with an effect's wrench in its residual; coefficients that are not given are 0."""
     x = np.nan_to_num(get(name).regressors(record.context, shape))
@@ -359,38 +356,33 @@ def test_effects_that_do_harm_together_leave_the_axis_though_each_helps_beside_t
     assert without
 
 
-def test_an_effect_that_acts_on_no_axis_that_it_carries_is_no_name(
-    quiet: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def judged_without(monkeypatch: pytest.MonkeyPatch, name: str, *axes: str) -> None:
+    """Held-out time says that an effect does not act on these axes."""
     judged = pruning._by_axis
 
-    def nowhere(fits, keys):
+    def by_axis(fits, keys):
         fits, without = judged(fits, keys)
-        return fits, without | {key: ("Fx", "Fy") for key in keys if key[0] == "rotor_drag"}
+        return fits, without | {key: axes for key in keys if key[0] == name}
 
-    monkeypatch.setattr(pruning, "_by_axis", nowhere)
-    dragged = added(with_velocity(quiet, 4.0), "rotor_drag", (0.0,), 0.6)
-    answer = conclude([dragged], effects=some("rotor_drag"))
-    assert not answer.found
-    reasons = {r.name: r.reason for r in answer.rejected}
-    assert reasons["rotor_drag"] == "it makes the error on held-out time larger"
+    monkeypatch.setattr(pruning, "_by_axis", by_axis)
 
 
-def test_a_load_whose_swing_acts_nowhere_is_no_slung_load(
-    quiet: Record, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("name", "axes", "shape", "sizes"),
+    [
+        ("rotor_drag", ("Fx", "Fy"), (0.0,), (0.6,)),
+        # What is left of it is the weight: a payload.
+        ("slung_load", ("Fx", "Fy", "Mx", "My"), (0.45,), (0.3, 0.3)),
+    ],
+)
+def test_an_effect_that_acts_on_no_axis_that_makes_it_is_no_name(
+    quiet: Record, monkeypatch: pytest.MonkeyPatch, name, axes, shape, sizes
 ) -> None:
-    judged = pruning._by_axis
-
-    def weight_only(fits, keys):
-        fits, without = judged(fits, keys)
-        return fits, without | {key: ("Fx", "Fy", "Mx", "My") for key in keys if key[0] == LOAD}
-
-    monkeypatch.setattr(pruning, "_by_axis", weight_only)
-    loaded = added(with_velocity(quiet, 4.0), LOAD, (0.45,), 0.3, 0.3)
-    answer = conclude([loaded], effects=some(LOAD))
+    judged_without(monkeypatch, name, *axes)
+    answer = conclude([added(with_velocity(quiet, 4.0), name, shape, *sizes)], effects=some(name))
     assert not answer.found
     reasons = {r.name: r.reason for r in answer.rejected}
-    assert reasons[LOAD] == "it makes the error on held-out time larger"
+    assert reasons[name] == "it makes the error on held-out time larger"
 
 
 def test_drag_that_was_found_in_still_air_is_kept_whole() -> None:
