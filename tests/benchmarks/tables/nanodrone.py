@@ -60,6 +60,8 @@ HORIZONS = (1, 2, 4, 7, 10, 15, 20, 27, 35, 43, 50)
 """Steps at which the fit looks."""
 STRIDE = 20
 """Steps from one window of the fit to the next."""
+PLACE = {"position": POSITION, "velocity": VELOCITY, "rates": RATES}
+"""Of a quantity in a state."""
 HEAD = ("h1", "h10", "h50", "sum")
 ALLOWED = 0.02
 ROUNDED = 5e-5
@@ -100,6 +102,7 @@ FORCES = [
     Parameter("thrust", 1.0, 0.05, 0.5, 1.5),
     Parameter("rotor_drag.drag", 0.5, 0.3, 0.0),
     Parameter("vertical_inflow.slope", 2.0, 2.0, 0.0),
+    Parameter("momentum_thrust.slope", 2.0, 2.0, 0.0),
 ]
 MOMENTS = [
     Parameter("roll_arm", 0.5, 0.3, 0.0),
@@ -222,10 +225,10 @@ class Cut:
             halfway.append(rotation_from_quaternion(turned)[later])
         return cls(*(np.concatenate(part) for part in (states, inputs, measured, halfway)))
 
-    def usual(self, quantity: str) -> Array:
-        """Mean error norm (h,) at ``HORIZONS`` where nothing changes."""
+    def usual(self, quantity: str) -> float:
+        """Mean error norm over ``HORIZONS`` where nothing changes."""
         path = naive(self.states, self.inputs)
-        return error(quantity, path, self.measured).mean(axis=0)[np.array(HORIZONS) - 1]
+        return float(error(quantity, path, self.measured)[:, np.array(HORIZONS) - 1].mean())
 
 
 def rolled(vehicle_file: Path, model: FanSurrogate | None) -> Predictor:
@@ -235,26 +238,34 @@ def rolled(vehicle_file: Path, model: FanSurrogate | None) -> Predictor:
 
 
 def fitted(runs: Sequence[Run]) -> Fitted:
-    """Forces with the measured attitude, then moments with the forces as they are."""
+    """Forces with the measured attitude, then moments with the forces as they are.
+
+    What is made least is what is scored: error norms, with the same weight at every step.
+    """
     cut = Cut.of(runs)
     at = np.array(HORIZONS) - 1
-    scales = {quantity: cut.usual(quantity)[:, None] for quantity in QUANTITIES}
+    measured = cut.measured[:, at]
+    usual = {quantity: cut.usual(quantity) for quantity in QUANTITIES}
+
+    def missed(path: Array, quantity: str) -> Array:
+        """Error vectors (n, 3) of states (windows, horizons, 13), over their usual size."""
+        if quantity == "attitude":
+            off = _turned(path[..., QUATERNION], measured[..., QUATERNION])
+        else:
+            off = path[..., PLACE[quantity]] - measured[..., PLACE[quantity]]
+        return np.asarray(off / usual[quantity]).reshape(-1, 3)
 
     def forces(x: Array) -> Array:
         model = Fitted(dict(zip([p.name for p in FORCES], x.tolist(), strict=True)))
-        off = model.predict(cut.states, cut.inputs, cut.halfway)[:, at] - cut.measured[:, at]
-        parts = [off[..., POSITION] / scales["position"], off[..., VELOCITY] / scales["velocity"]]
-        return np.concatenate([part.reshape(-1, 3) for part in parts])
+        path = model.predict(cut.states, cut.inputs, cut.halfway)[:, at]
+        return np.concatenate([missed(path, quantity) for quantity in ("position", "velocity")])
 
     force = fit(forces, FORCES)
 
     def moments(x: Array) -> Array:
         model = Fitted(force | dict(zip([p.name for p in MOMENTS], x.tolist(), strict=True)))
         path = model.predict(cut.states, cut.inputs)[:, at]
-        turned = _turned(path[..., QUATERNION], cut.measured[:, at][..., QUATERNION])
-        rates = path[..., RATES] - cut.measured[:, at][..., RATES]
-        parts = [turned / scales["attitude"], rates / scales["rates"]]
-        return np.concatenate([part.reshape(-1, 3) for part in parts])
+        return np.concatenate([missed(path, quantity) for quantity in QUANTITIES])
 
     return Fitted(force | fit(moments, MOMENTS))
 
