@@ -358,8 +358,6 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
             out[key] = f.parameters[time]
     if f.without:
         out["without"] = f.without
-    if f.small:
-        out["small"] = True
     if f.members:
         out["members"] = [{"name": name, "probability": p} for name, p in f.members]
         out["decided_by"] = f.decided_by
@@ -386,9 +384,8 @@ def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
         numbers = shown.in_words(answer.records[f.flight].context, f.numbers)
     else:
         numbers = ", ".join(map(estimate_text, answer.numbers_of(f)))
-    small = ", small" if f.small else ""
     names = [f.effect.name, *(name for name, _ in f.members if name != f.effect.name)]
-    sure = f"{f.status}{small}, probability {f.probability:.2f}"
+    sure = f"{f.status}, probability {f.probability:.2f}"
     if f.effect.in_flight.use is InFlight.WRENCH:
         flown = ""
     else:

@@ -81,7 +81,7 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
 
 def certainty(f: Found) -> str:
     """How sure a name is, in a sentence."""
-    chance = f"{'small, ' if f.small else ''}probability {f.probability:.2f}"
+    chance = f"probability {f.probability:.2f}"
     if f.at_bound:
         return f"Uncertain ({chance}): a parameter is at the limit of what was tried."
     if f.status == "confirmed":

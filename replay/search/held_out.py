@@ -21,10 +21,10 @@ from replay.search.channel import hundredths
 from replay.search.curves import CarryingChannel
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
-from replay.search.regimes import by_regime
+from replay.search.regimes import by_regime, long_regimes
 from replay.search.remainder import Outside, outside
 from replay.search.terms import Key, Term
-from replay.search.thresholds import CARRIES, CONFIRM_SHARE
+from replay.search.thresholds import CARRIES, CONFIRM_SHARE, SMALL
 
 BLOCK_S = 1.5
 MOST_BLOCKS = 400
@@ -97,6 +97,24 @@ class FlightFit:
             return 0.0
         without = self.after + self.effects[key].held_out
         return self.energy(without, axes) - self.energy(self.after, axes)
+
+    def is_small(self, key: Key) -> bool:
+        """Whether an effect is not worth a name: it is so small in every part of the flight.
+
+        It is less than a hundredth of the weight (RMS), and removes less than ``SMALL`` of the energy of each axis.
+        """
+        of_effect = self.effects[key].held_out
+        without = self.after + of_effect
+        for part in (self.record.valid, *long_regimes(self.record).values()):
+            within = part[:, None]
+            if self.energy(of_effect * within) >= part.sum():
+                return False
+            for axis in self.record.axes:
+                removed = self.energy(without * within, [axis])
+                removed -= self.energy(self.after * within, [axis])
+                if removed > SMALL * self.energy(self.before * within, [axis]):
+                    return False
+        return True
 
     def without_axis(self, key: Key, axis: int) -> FlightFit:
         """The same with an effect that does not act on one axis."""

@@ -7,8 +7,8 @@ among the sets that were weighed is exp(score) over their sum (Hoeting et al. 19
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit
@@ -57,18 +57,19 @@ class Walked:
     best: Fit
     map_log_odds: float = -np.inf
     """Log odds of the map of surfaces, beside the best set."""
-    worse: frozenset[str] = frozenset()
-    """Effects that were taken out because they raise the error of held-out time."""
+    dropped: Mapping[str, str] = field(default_factory=dict)
+    """Effects that were taken out of a likelier set, and why."""
     left_out: tuple[str, ...] = ()
     """What was not tried, because it would have taken too long."""
 
-    def without(self, key: Key) -> Walked:
-        """The best set less one term, which makes held-out time worse, weighed anew."""
+    def without(self, keys: Collection[Key], why: str) -> Walked:
+        """The best set less some terms, weighed anew."""
         sets = Sets(self.evidence, dict(self.fits))
-        others = [t for t in self.best.terms if t.key != key]
+        others = [t for t in self.best.terms if t.key not in keys]
         less = sets.weigh(others, self.best)
-        name = key[0]
-        return replace(self, fits=sets.fits, best=less, worse=self.worse | {name})
+        names = [name for name, *_ in keys]
+        dropped = {**self.dropped, **dict.fromkeys(names, why)}
+        return replace(self, fits=sets.fits, best=less, dropped=dropped)
 
     def at_most(self, best: Fit) -> Walked:
         """With this set as the best, and without those that are likelier."""
@@ -107,8 +108,8 @@ class Walked:
 
     def why_not(self, name: str) -> str:
         """Why an effect is not in the answer."""
-        if name in self.worse:
-            return "it makes the error on held-out time larger"
+        if name in self.dropped:
+            return self.dropped[name]
         fit = next((f for f in self.ranked() if name in f.effects), None)
         if fit is None:
             return "no better than chance"

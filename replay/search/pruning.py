@@ -13,6 +13,9 @@ from replay.search.posterior import Walked
 from replay.search.terms import Key, Term
 from replay.search.thresholds import HELD_OUT, NEAR, RIVALS, WORSE_SHARE
 
+WORSE = "it makes the error on held-out time larger"
+TOO_SMALL = "too small: below 1 % of the weight, and below a tenth of the error on every axis"
+"""Why an effect was taken out."""
 AxesOfKeys = dict[Key, tuple[str, ...]]
 
 
@@ -38,14 +41,15 @@ def helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     worst = min(gains, key=lambda key: gains[key], default=None)
     if worst is None or gains[worst] > -WORSE_SHARE:
         return walked, fits
-    return helpful(walked.without(worst))
+    return helpful(walked.without([worst], WORSE))
 
 
 def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     """The best set with every effect on the axes that it helps; by key, the axes on which it does not act.
 
     What acts on none of the axes that it carries is no name: the set is weighed again without it. What
-    contains another effect is that one, where the coefficients that make it act nowhere.
+    contains another effect is that one, where the coefficients that make it act nowhere. Nor is what is small
+    in every part of every flight.
     """
     walked, whole = helpful(walked)
     terms = walked.best.of_effects
@@ -67,10 +71,29 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
         nowhere = without.get(term.key, ())
         if nowhere and _decisive_axes(whole, term) <= set(nowhere):
             idle.append(term.key)
-    if not idle:
-        return walked, fits, without
-    worst = min(idle, key=lambda key: (share(whole, key), str(key)))
-    return acting(walked.without(worst))
+    if idle:
+        worst = min(idle, key=lambda key: (share(whole, key), str(key)))
+        return acting(walked.without([worst], WORSE))
+    least = _least_small(terms, fits)
+    if least:
+        return acting(walked.without(least, TOO_SMALL))
+    return walked, fits, without
+
+
+def _least_small(terms: Sequence[Term], fits: Sequence[FlightFit]) -> list[Key]:
+    """Terms of the effect that does least, of those too small for a name; empty where there is none.
+
+    One that is large on one flight is named, and shown on all.
+    """
+    keys_of: dict[tuple[str, int], list[Key]] = {}
+    for term in terms:
+        keys_of.setdefault((term.name, term.instance), []).append(term.key)
+    small = []
+    for keys in keys_of.values():
+        acts = [(fit, key) for fit in fits for key in keys if key in fit.effects]
+        if all(fit.is_small(key) for fit, key in acts):
+            small.append(keys)
+    return min(small, key=lambda keys: sum(share(fits, key) for key in keys), default=[])
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:

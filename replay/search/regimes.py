@@ -44,6 +44,15 @@ def regimes(record: Record) -> dict[str, Mask]:
     return {name: mask & record.valid for name, mask in out.items()}
 
 
+def long_regimes(record: Record) -> dict[str, Mask]:
+    """Those that last long enough to be reported."""
+    out = {}
+    for name, mask in regimes(record).items():
+        if mask.sum() * record.step_s >= LEAST_S:
+            out[name] = mask
+    return out
+
+
 def _nearest(distances: Array) -> Array:
     """Least of some distances (n, k) [m]; infinite where none is known."""
     return np.asarray(np.nan_to_num(distances, nan=np.inf, posinf=np.inf).min(axis=1))
@@ -52,15 +61,14 @@ def _nearest(distances: Array) -> Array:
 def by_regime(record: Record, before: Array, after: Array) -> list[dict[str, Any]]:
     """RMS of residuals (n, 6) without and with the effects in every regime that lasts, by axis."""
     out = []
-    for name, mask in regimes(record).items():
+    for name, mask in long_regimes(record).items():
         seconds = float(mask.sum()) * record.step_s
-        if seconds >= LEAST_S:
-            rms_before = _rms(before[mask])
-            rms_after = _rms(after[mask])
-            axes = {}
-            for a in record.axes:
-                axes[AXES[a]] = {"rms_before": rms_before[a], "rms_after": rms_after[a]}
-            out.append({"regime": name, "seconds": seconds, "axes": axes})
+        rms_before = _rms(before[mask])
+        rms_after = _rms(after[mask])
+        axes = {}
+        for a in record.axes:
+            axes[AXES[a]] = {"rms_before": rms_before[a], "rms_after": rms_after[a]}
+        out.append({"regime": name, "seconds": seconds, "axes": axes})
     return out
 
 

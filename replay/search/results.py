@@ -16,13 +16,12 @@ from replay.search.held_out import FlightFit
 from replay.search.least_visible import Visible, visible
 from replay.search.posterior import Walked, aliases, class_of
 from replay.search.pruning import acting, carried, helpful, predictive, share
-from replay.search.regimes import LEAST_S, regimes
 from replay.search.repeated_effects import with_others
 from replay.search.shape_estimates import shape_estimates
 from replay.search.significance import tops_of_columns
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
-from replay.search.thresholds import LEARNT, SMALL, TRUST
+from replay.search.thresholds import LEARNT, TRUST
 
 _WAYS = (
     ("push forward", "push backward"),
@@ -60,8 +59,6 @@ class Found:
     """Parameters of every flight on which it acts, as a model directory keeps them."""
     shown_of_flight: dict[int, tuple[IntervalEstimate, ...]] = field(default_factory=dict)
     """The same as people say them."""
-    small: bool = False
-    """Whether it explains less than ``SMALL`` of every part of every flight."""
     members: tuple[tuple[str, float], ...] = ()
     """Effects that the flights cannot tell from each other, this one among them, and their probabilities, the largest
     first; empty where it stands alone."""
@@ -183,14 +180,12 @@ def _found(
     flight = _shown_by(term, fits)
     of_flight: dict[int, dict[str, float]] = {}
     sizes_of_flight: dict[int, Sizes] = {}
-    small = True
     for one in terms:
         shapes = shape_estimates(walked, one, sorted(one.places))
         for fit in fits:
             if one.key in fit.effects:
                 of_flight[fit.index] = fit.effects[one.key].parameters
                 sizes_of_flight[fit.index] = sizes(walked, one, fit, shapes)
-                small = small and _small(fit, one.key)
     fitted = sizes_of_flight[flight].fitted
     instead = tuple(others.get(term.key, ()))
     probability = walked.probability(term.name, instead)
@@ -211,25 +206,9 @@ def _found(
         confirmed_by=tuple(f.index for f in fits if not f.confirms.isdisjoint(shares)),
         of_flight=of_flight,
         shown_of_flight={i: size.shown for i, size in sizes_of_flight.items()},
-        small=small,
         members=members,
         push=_push(fits[flight], term.key) if members else "",
     )
-
-
-def _small(fit: FlightFit, key: Key) -> bool:
-    """Whether an effect removes less than ``SMALL`` of the energy of every part of a flight."""
-    without = fit.after + fit.effects[key].held_out
-    parts = [fit.record.valid]
-    for mask in regimes(fit.record).values():
-        if mask.sum() * fit.record.step_s >= LEAST_S:
-            parts.append(mask)
-    for part in parts:
-        within = part[:, None]
-        gain = fit.energy(without * within) - fit.energy(fit.after * within)
-        if gain >= SMALL * fit.energy(fit.before * within):
-            return False
-    return True
 
 
 def _push(fit: FlightFit, key: Key) -> str:
@@ -267,7 +246,7 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
     for name, own in numbers.items():
         likeliest = max(own, key=lambda i: float(gain[i]))
         term = library.terms[likeliest]
-        excited = name in walked.worse or _excited(walked, term)
+        excited = name in walked.dropped or _excited(walked, term)
         if excited:
             reason = walked.why_not(name)
         else:

@@ -78,8 +78,8 @@ CANCEL_FREE = 2.0
 
 What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 """
-SMALL = 0.005
-"""Share of the residual's energy below which an effect is called small."""
+SMALL = 0.1
+"""Share of the energy of an axis, in a part of a flight, below which an effect may be too small for a name."""
 
 # Which sets are equal, and who stands in whose place
 

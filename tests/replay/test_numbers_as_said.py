@@ -27,6 +27,7 @@ from replay.search import pruning, results
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import Acting, FlightFit
 from replay.search.posterior import Walked, class_of
+from replay.search.regimes import regimes
 
 
 @pytest.fixture(scope="module")
@@ -383,6 +384,35 @@ def test_an_effect_that_acts_on_no_axis_that_makes_it_is_no_name(
     assert not answer.found
     reasons = {r.name: r.reason for r in answer.rejected}
     assert reasons[name] == "it makes the error on held-out time larger"
+
+
+@pytest.mark.parametrize("level", [0.0, -0.2])
+def test_what_is_small_beside_the_rest_has_no_name_and_says_why(
+    quiet: Record, level: float
+) -> None:
+    """A slope of lift of 0.8 % of the weight (RMS): alone it is all there is."""
+    calm = added(replace(quiet, residual=0.1 * quiet.residual), "vertical_inflow", (), 4.8)
+    flight = added(calm, "thrust_scale", (), level)
+    answer = conclude([flight], effects=some("thrust_scale", "vertical_inflow"))
+    if level == 0.0:
+        assert [f.effect.name for f in answer.found] == ["vertical_inflow"]
+    else:
+        assert [f.effect.name for f in answer.found] == ["thrust_scale"]
+        (rejected,) = answer.rejected
+        assert rejected.reason.startswith("too small: below 1 % of the weight")
+
+
+def test_what_is_large_in_one_part_of_the_flight_is_not_small(quiet: Record) -> None:
+    samples = np.arange(len(quiet.time_s))
+    low = regimes(quiet)["low"]
+    steady = np.full(len(samples), 20.0)
+    gentle = 1.2 * np.sin(samples)
+    short = np.where(low, 1.6 * np.sin(samples), 0.0)
+    assert np.sqrt((short**2).mean()) < 1.0
+    pushes = [quiet.context.weight / 100.0 * push for push in (steady, gentle, short)]
+    fit = fit_of(quiet, *pushes)
+    fit = replace(fit, before=sum(a.held_out for a in fit.effects.values()))
+    assert [fit.is_small(key) for key in fit.effects] == [False, True, False]
 
 
 def test_drag_that_was_found_in_still_air_is_kept_whole() -> None:

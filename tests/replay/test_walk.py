@@ -82,7 +82,7 @@ def test_probabilities_are_shares_of_all_sets(walked: Walked) -> None:
 
 def test_a_set_less_one_term_is_weighed_anew_and_what_is_likelier_is_gone(walked: Walked) -> None:
     (bias,) = walked.best.terms
-    less = walked.without(bias.key)
+    less = walked.without([bias.key], "it does harm")
     assert names(less.best) == set()
     cut = less.at_most(less.best)
     assert max(fit.score for fit in cut.fits.values()) == less.best.score
