@@ -1,14 +1,18 @@
-"""What belongs to the day of a flight: forces of the weather, the load and the accelerometer, learnt from its start."""
+"""What belongs to the day of a flight, learnt from its start.
+
+Forces of the weather, the load and the accelerometer; and by how much the effects of the model are larger than when
+they were found.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.common.frames import Array
-from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
+from models.effects import AdoptedEffect, BelongsTo, Context, Effect, adopted_wrench, catalogue, get
 from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths
@@ -17,6 +21,10 @@ LEARNING_S = 20.0
 """Judged time at the start of a flight from which its day is learnt [s]."""
 CORRELATED_S = 0.3
 """Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
+MODEL_SPREAD = 0.25
+"""How much an effect of the model differs from day to day, as a share of it: as much as its law may be wrong."""
+GAIN = "gain"
+"""Name of that share among the numbers of an effect."""
 ROUNDS = 3
 """Noise and coefficients are fitted in turn so often."""
 QUIETEST = 0.2
@@ -33,7 +41,9 @@ class Day:
     said: Mapping[str, Mapping[str, float]]
     """Effects to their numbers, as people say them."""
     shapes: Mapping[str, tuple[float, ...]]
-    """Of every effect."""
+    """Of every effect of the day."""
+    model: Mapping[str, Sequence[AdoptedEffect]]
+    """Effects of the model, which have a ``GAIN``."""
 
     @property
     def wrench(self) -> Array:
@@ -48,11 +58,14 @@ class Day:
             coefficients = [c.name for c in effect.coefficients]
             parameters = dict.fromkeys(coefficients, 0.0)
             for (owner, coefficient), value in zip(self.names, self.values.tolist(), strict=True):
-                if owner == name:
+                if owner == name and coefficient != GAIN:
                     parameters[coefficient] = value
             for s, value in zip(effect.shapes, shape, strict=True):
                 parameters[s.name] = value
             out.append(AdoptedEffect(name, parameters))
+        for (owner, coefficient), value in zip(self.names, self.values.tolist(), strict=True):
+            if coefficient == GAIN:
+                out += [_scaled(adopted, value) for adopted in self.model[owner]]
         return tuple(out)
 
     def as_json(self) -> dict[str, dict[str, float]]:
@@ -74,11 +87,13 @@ def learn_day(
     adopted: Sequence[AdoptedEffect],
     of_day: Mapping[str, Mapping[str, float]],
 ) -> Day:
-    """The day of a flight by what a model leaves (n, 6) of its start.
+    """The day of a flight by what a model leaves (n, 6) of its start; ``adopted``: the effects that it has.
 
-    Maximum a posteriori of a linear model: every coefficient has the Gaussian prior of its effect, about zero, and
-    noise has the mean square of what is left, counted once in ``CORRELATED_S``. What is left has a mean, too: else a
-    constant moment that nothing of the day explains, as of a shifted centre of gravity, would be taken for wind.
+    Maximum a posteriori of a linear model. Every coefficient has the Gaussian prior of its effect, about zero. An
+    effect of the model grows by a share, N(0, ``MODEL_SPREAD``^2). Noise has the mean square of what is left, counted
+    once in ``CORRELATED_S``. What is left has a mean, too: else a constant moment that nothing of the day explains, as
+    of a shifted centre of gravity, would be taken for wind.
+
     ``of_day``: shapes of the effects of the day that the model knows besides, by the name of the effect.
     """
     known = {e.name: e.parameters for e in adopted} | dict(of_day)
@@ -97,6 +112,13 @@ def learn_day(
             names.append((effect.name, effect.coefficients[i].name))
             columns.append(wrench[..., i])
             spread.append(effect.coefficients[i].spread(record.context))
+    model: dict[str, list[AdoptedEffect]] = {}
+    for one in adopted:
+        model.setdefault(one.name, []).append(one)
+    for name, effects in model.items():
+        names.append((name, GAIN))
+        columns.append(np.nan_to_num(adopted_wrench(effects, record.context)))
+        spread.append(MODEL_SPREAD)
     x = np.stack(columns, axis=-1)
     rows = learning_time(record)
     prior = 1.0 / np.array(spread) ** 2
@@ -112,21 +134,39 @@ def learn_day(
             precision += weight * x[rows, axis].T @ x[rows, axis]
             towards += weight * x[rows, axis].T @ y[:, axis]
         values = np.asarray(np.linalg.solve(precision, towards), dtype=float)
-    said = _said(record.context, names, values, known)
-    return Day(names=tuple(names), values=values, columns=x, said=said, shapes=shapes)
+    return Day(
+        names=tuple(names),
+        values=values,
+        columns=x,
+        said=_said(record.context, names, values.tolist(), known),
+        shapes=shapes,
+        model=model,
+    )
+
+
+def _scaled(adopted: AdoptedEffect, share: float) -> AdoptedEffect:
+    """A share of an effect: its wrench is linear in its coefficients, not in its shapes."""
+    shapes = {s.name for s in get(adopted.name).shapes}
+    parameters = {}
+    for name, value in adopted.parameters.items():
+        parameters[name] = value if name in shapes else share * value
+    return replace(adopted, parameters=parameters)
 
 
 def _said(
     context: Context,
     names: Sequence[tuple[str, str]],
-    values: Array,
+    values: Sequence[float],
     known: Mapping[str, Mapping[str, float]],
 ) -> dict[str, dict[str, float]]:
     """Coefficients of the day as people say them, beside what the model has of the vehicle, or else what is usual."""
     of_effect: dict[str, dict[str, float]] = {}
-    for (name, coefficient), value in zip(names, values.tolist(), strict=True):
-        of_effect.setdefault(name, {})[coefficient] = value
-    out = {}
+    out: dict[str, dict[str, float]] = {}
+    for (name, coefficient), value in zip(names, values, strict=True):
+        if coefficient == GAIN:
+            out[name] = {GAIN: value}
+        else:
+            of_effect.setdefault(name, {})[coefficient] = value
     for name, found in of_effect.items():
         effect = get(name)
         # What the context's model has of it, an effect adds by itself.
@@ -141,7 +181,8 @@ def _said(
         beside |= {s.name: own.get(s.name, 0.0) for s in effect.shapes}
         quantities = {q.instead_of: q.name for q in effect.shown.quantities}
         said = effect.said(context, beside | found)
-        out[name] = {key: said[key] for key in (quantities.get(c, c) for c in found)}
+        numbers = {key: said[key] for key in (quantities.get(c, c) for c in found)}
+        out[name] = numbers | out.get(name, {})
     return out
 
 

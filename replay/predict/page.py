@@ -26,7 +26,7 @@ def page(answer: Prediction, model: str) -> str:
     if answer.frozen:
         how = "nothing is fitted"
     else:
-        how = f"wind and load are learned from the first {LEARNING_S:.0f} s"
+        how = f"wind, load and gains of the effects are learned from the first {LEARNING_S:.0f} s"
     return render(
         "predict.html",
         head="How well the model holds",

@@ -131,7 +131,9 @@ class Prediction:
         if self.frozen:
             how = "nothing is fitted"
         else:
-            how = f"wind and load are learned from the first {LEARNING_S:.0f} s"
+            how = (
+                f"wind, load and gains of the effects are learned from the first {LEARNING_S:.0f} s"
+            )
         lines = [
             f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})",
             *_lines(self.axes()),

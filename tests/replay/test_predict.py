@@ -13,7 +13,7 @@ from noise_records import noise_record
 import models
 from companion.vehicles import default_vehicle
 from models.common.frames import Array
-from models.effects import AdoptedEffect, get
+from models.effects import AdoptedEffect, adopted_wrench, get
 from models.vehicle import load_vehicle
 from replay.cli import main
 from replay.diagnosis.amended_model import amended
@@ -76,6 +76,20 @@ def test_the_wind_of_the_day_is_learnt_from_the_start_and_the_rest_is_judged(qui
     # A wind and an accelerometer's offset share what one heading shows.
     # Of a vehicle with half of momentum theory's drag: the air moves twice as fast as that would say.
     assert flight.day.as_json()["wind"]["north"] == pytest.approx(4.0, abs=1.4)
+
+
+def test_an_effect_of_the_model_that_is_larger_on_this_day_is_learnt(quiet: Record) -> None:
+    centre = AdoptedEffect("cg_offset", {"x": 0.03, "y": 0.0})
+    farther = replace(centre, parameters={"x": 0.04, "y": 0.0})
+    answer = flown(quiet, (farther,), (centre,), frozen=False)
+    error = answer.axes()["My"]
+    frozen = flown(quiet, (farther,), (centre,), frozen=True).axes()["My"]
+    assert error["rms_with"] < 0.5 * frozen["rms_with"]
+    (flight,) = answer.flights
+    assert flight.day is not None
+    assert flight.day.as_json()["cg_offset"]["gain"] == pytest.approx(0.33, abs=0.1)
+    told = adopted_wrench(flight.day.effects(), quiet.context)
+    np.testing.assert_allclose(told, flight.day.wrench, atol=1e-6)
 
 
 def test_a_day_without_anything_is_found_to_be_nothing(quiet: Record) -> None:
