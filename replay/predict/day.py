@@ -23,7 +23,7 @@ CORRELATED_S = 0.3
 """Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
 MODEL_SPREAD = 0.25
 """How much an effect of the model differs from day to day, as a share of it: as much as its law may be wrong."""
-GAIN = "gain"
+GAIN = "larger_by"
 """Name of that share among the numbers of an effect."""
 ROUNDS = 3
 """Noise and coefficients are fitted in turn so often."""

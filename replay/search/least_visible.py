@@ -7,7 +7,7 @@ b = z s gains by Laplace's approximation (evidence.py)
     log odds = TRUST (z^2 / 2 + log s) + log prior odds
 
 so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) / TRUST - 2 log s. A size of (z + 1.64) s
-is estimated at z s or more in 95 of 100 flights.
+is estimated at z s or more in 95 of 100 flights. Nor may it be small in the whole flight (``FlightFit.is_small``).
 """
 
 from __future__ import annotations
@@ -22,12 +22,15 @@ from models.effects import Coefficient, Context
 from replay.search.posterior import Walked
 from replay.search.significance import tops_of_columns
 from replay.search.terms import Term
-from replay.search.thresholds import NAMED, OWN, TRUST
+from replay.search.thresholds import NAMED, OWN, SMALL, TRUST
 
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""
 _NAMED_SIZE = 1.0
 """Smallest top of a named contribution, in hundredths of the weight (``significance.standing``)."""
+
+TINY = 1e-12
+"""Keeps a division finite where a column does nothing."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +117,31 @@ def _least_sizes(walked: Walked, term: Term) -> Array:
     log_sd = np.log(np.minimum(sd, 1.0))
     z = np.sqrt(np.maximum(2.0 * odds - 2.0 * log_sd, 0.0))
     by_evidence = (z + _ONE_SIDED) * sd
-    by_weight = _for_a_hundredth(walked, term)[place]
+    by_weight = np.maximum(_for_a_hundredth(walked, term), _not_small(walked, term))[place]
     main = term.main[place] > 0.0
     return np.where(main, np.maximum(by_evidence, by_weight), np.inf)
+
+
+def _not_small(walked: Walked, term: Term) -> Array:
+    """Size (k,) from which on each column is not small in the whole flight where that is soonest.
+
+    A column of mean square x^2, in hundredths of the weight, is at size b a hundredth of it where b x = 1. It is the
+    share ``SMALL`` of an axis that has y^2 without it where b^2 x^2 (1 - SMALL) = SMALL y^2.
+    """
+    least = np.full(len(term.columns), np.inf)
+    of_flight: dict[int, Array] = {}
+    for channel in walked.evidence.library.channels:
+        rows = channel.where[term.columns]
+        square = np.zeros(len(rows))
+        columns = channel.rows[rows[rows >= 0]]
+        square[rows >= 0] = (columns**2).sum(axis=1) / channel.count / channel.limit**2
+        residual = (channel.rows[0] ** 2).sum() / channel.count / channel.limit**2
+        share = SMALL / (1.0 - SMALL) * residual / np.maximum(square, TINY)
+        least = np.minimum(least, np.sqrt(share))
+        of_flight[channel.flight] = of_flight.get(channel.flight, 0.0) + square
+    for square in of_flight.values():
+        least = np.minimum(least, 1.0 / np.sqrt(np.maximum(square, TINY)))
+    return least
 
 
 def _for_a_hundredth(walked: Walked, term: Term) -> Array:
@@ -127,7 +152,7 @@ def _for_a_hundredth(walked: Walked, term: Term) -> Array:
             continue
         share = tops_of_columns(channel, term)
         acting = channel.where[term.columns] >= 0
-        size = max(_NAMED_SIZE, OWN) / np.maximum(share, 1e-12)
+        size = max(_NAMED_SIZE, OWN) / np.maximum(share, TINY)
         out = np.minimum(out, np.where(acting, size, np.inf))
     return out
 

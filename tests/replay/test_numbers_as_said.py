@@ -23,11 +23,12 @@ from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.words import estimate_text, explains_text, size_text
 from replay.residual.record import Record
-from replay.search import pruning, results
+from replay.search import least_visible, pruning, results
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import Acting, FlightFit
 from replay.search.posterior import Walked, class_of
 from replay.search.regimes import regimes
+from replay.search.walk import walk
 
 
 @pytest.fixture(scope="module")
@@ -400,6 +401,18 @@ def test_what_is_small_beside_the_rest_has_no_name_and_says_why(
         assert [f.effect.name for f in answer.found] == ["thrust_scale"]
         (rejected,) = answer.rejected
         assert rejected.reason.startswith("too small: below 1 % of the weight")
+
+
+def test_what_could_have_been_seen_is_not_too_small_for_a_name(quiet: Record) -> None:
+    """Beside a thrust that is 20 % off, a slope of lift needs 1 % of the weight (RMS)."""
+    calm = replace(quiet, residual=0.1 * quiet.residual)
+    weak = added(calm, "thrust_scale", (), -0.2)
+    walked = walk([weak], some("thrust_scale", "vertical_inflow"))
+    term = next(t for t in walked.evidence.library.terms if t.name == "vertical_inflow")
+    slope = least_visible._least_sizes(walked, term)[0] * term.scale[0]
+    force = slope * np.nan_to_num(term.named.regressors(weak.context, ()))[:, 2, 0]
+    rms = np.sqrt((force**2).mean()) / (0.01 * weak.context.weight)
+    assert rms == pytest.approx(1.0, abs=0.05)
 
 
 def test_what_is_large_in_one_part_of_the_flight_is_not_small(quiet: Record) -> None:

@@ -87,7 +87,7 @@ def test_an_effect_of_the_model_that_is_larger_on_this_day_is_learnt(quiet: Reco
     assert error["rms_with"] < 0.5 * frozen["rms_with"]
     (flight,) = answer.flights
     assert flight.day is not None
-    assert flight.day.as_json()["cg_offset"]["gain"] == pytest.approx(0.33, abs=0.1)
+    assert flight.day.as_json()["cg_offset"]["larger_by"] == pytest.approx(0.33, abs=0.1)
     told = adopted_wrench(flight.day.effects(), quiet.context)
     np.testing.assert_allclose(told, flight.day.wrench, atol=1e-6)
 
