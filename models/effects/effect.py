@@ -50,6 +50,8 @@ class Effect:
     """A law of the air, of throttle or of lag: flights differ by what it leaves out, as much as is typical of it."""
     every_flight: bool = False
     """Every flight has something of it: what a sensor reads too much, the load, and the wind."""
+    every_vehicle: bool = False
+    """Every vehicle has it: a model that says nothing of it was made from a flight that did not show it."""
     shapes: tuple[Shape, ...] = ()
     grid: Grid | None = None
     """Places that are tried, by the flight; None: every combination of what its shapes name."""

@@ -64,6 +64,7 @@ EFFECT = Effect(
         ),
     ),
     law=True,
+    every_vehicle=True,
     search=SearchHints(
         chance=0.3,
     ),

@@ -1,7 +1,7 @@
 """What belongs to the day of a flight, learnt from its start.
 
-Forces of the weather, the load and the accelerometer; and by how much the effects of the model are larger than when
-they were found.
+Forces of the weather, the load and the accelerometer; by how much the effects of the model are larger than when they
+were found; and what every vehicle has, where the model says nothing of it.
 """
 
 from __future__ import annotations
@@ -92,7 +92,8 @@ def learn_day(
     Maximum a posteriori of a linear model. Every coefficient has the Gaussian prior of its effect, about zero. An
     effect of the model grows by a share, N(0, ``MODEL_SPREAD``^2). Noise has the mean square of what is left, counted
     once in ``CORRELATED_S``. What is left has a mean, too: else a constant moment that nothing of the day explains, as
-    of a shifted centre of gravity, would be taken for wind.
+    of a shifted centre of gravity, would be taken for wind. What every vehicle has is learnt where no effect of the
+    model says it.
 
     ``of_day``: shapes of the effects of the day that the model knows besides, by the name of the effect.
     """
@@ -102,7 +103,7 @@ def learn_day(
     spread: list[float] = []
     shapes: dict[str, tuple[float, ...]] = {}
     common = [effect.name for effect in catalogue() if effect.every_flight]
-    for effect in map(get, dict.fromkeys((*common, *of_day))):
+    for effect in map(get, dict.fromkeys((*common, *_unsaid(adopted), *of_day))):
         if effect.lacking(record.context) is not None:
             continue
         shape = tuple(known.get(effect.name, {}).get(s.name, 0.0) for s in effect.shapes)
@@ -186,7 +187,21 @@ def _said(
     return out
 
 
+def _unsaid(adopted: Sequence[AdoptedEffect]) -> list[str]:
+    """Effects that every vehicle has, and of which the model says nothing."""
+    said = {name for one in adopted for name in (one.name, *get(one.name).contains)}
+    return [e.name for e in catalogue() if e.every_vehicle and e.name not in said]
+
+
 def _of_day(effect: Effect) -> list[int]:
-    """Coefficients that a flight has of its own; a sensor's are learnt anew, about what the model has of them."""
+    """Coefficients that a flight says anew.
+
+    Those that it has of its own, a sensor's about what the model has of them, and the main ones of every vehicle.
+    """
     sensor = effect.belongs_to is BelongsTo.INSTRUMENT
-    return [i for i, c in enumerate(effect.coefficients) if sensor or effect.of_day(c)]
+    out = []
+    for i, c in enumerate(effect.coefficients):
+        main = effect.every_vehicle and c.name in effect.main
+        if sensor or main or effect.of_day(c):
+            out.append(i)
+    return out

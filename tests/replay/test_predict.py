@@ -92,6 +92,22 @@ def test_an_effect_of_the_model_that_is_larger_on_this_day_is_learnt(quiet: Reco
     np.testing.assert_allclose(told, flight.day.wrench, atol=1e-6)
 
 
+def test_drag_is_learnt_where_the_model_says_nothing_of_it(quiet: Record) -> None:
+    drag = AdoptedEffect(
+        "rotor_drag", {"drag": 1.5, "turning": 0.0, "sinking": 0.0, "above_radii": 0.0}
+    )
+    answer = flown(quiet, (drag,), (), frozen=False)
+    assert answer.axes()["Fx"]["rms_with"] < 0.6 * answer.axes()["Fx"]["rms_without"]
+    (flight,) = answer.flights
+    assert flight.day is not None
+    assert flight.day.as_json()["rotor_drag"]["drag"] == pytest.approx(1.5, abs=0.4)
+    told = adopted_wrench(flight.day.effects(), quiet.context)
+    np.testing.assert_allclose(told, flight.day.wrench, atol=1e-6)
+    known = flown(quiet, (drag,), (drag,), frozen=False).flights[0].day
+    assert known is not None
+    assert set(known.as_json()["rotor_drag"]) == {"larger_by"}
+
+
 def test_a_day_without_anything_is_found_to_be_nothing(quiet: Record) -> None:
     for error in flown(quiet, (), (), frozen=False).axes().values():
         assert error["rms_with"] < 1.3 * error["rms_without"]
