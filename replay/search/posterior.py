@@ -63,13 +63,20 @@ class Walked:
     """What was not tried, because it would have taken too long."""
 
     def without(self, keys: Collection[Key], why: str) -> Walked:
-        """The best set less some terms, weighed anew."""
+        """Sets without some terms alone; the best is the best less these, or with aliases in their place."""
         sets = Sets(self.evidence, dict(self.fits))
+        gone = [t for t in self.best.terms if t.key in keys]
+        aliases = {name for t in gone for name in t.named.aliases}
         others = [t for t in self.best.terms if t.key not in keys]
         less = sets.weigh(others, self.best)
-        names = [name for name, *_ in keys]
-        dropped = {**self.dropped, **dict.fromkeys(names, why)}
-        return replace(self, fits=sets.fits, best=less, dropped=dropped)
+        fits = {key: fit for key, fit in sets.fits.items() if key.isdisjoint(keys)}
+        rivals = [
+            fit
+            for key, fit in fits.items()
+            if key >= less.key and {name for name, *_ in key - less.key} <= aliases
+        ]
+        dropped = {**self.dropped, **dict.fromkeys((t.name for t in gone), why)}
+        return replace(self, fits=fits, best=canonical(rivals), dropped=dropped)
 
     def at_most(self, best: Fit) -> Walked:
         """With this set as the best, and without those that are likelier."""

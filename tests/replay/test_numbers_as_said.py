@@ -387,6 +387,17 @@ def test_an_effect_that_acts_on_no_axis_that_makes_it_is_no_name(
     assert reasons[name] == "it makes the error on held-out time larger"
 
 
+def test_what_is_left_of_a_load_that_does_not_swing_is_a_load(
+    quiet: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged_without(monkeypatch, "slung_load", "Fx", "Fy", "Mx", "My")
+    hangs = added(with_velocity(quiet, 4.0), "slung_load", (0.45,), 0.3, 0.3)
+    answer = conclude([hangs], effects=some("slung_load", "payload"))
+    (load,) = answer.found
+    assert load.effect.name == "payload"
+    assert load.probability > 0.9
+
+
 @pytest.mark.parametrize("level", [0.0, -0.2])
 def test_what_is_small_beside_the_rest_has_no_name_and_says_why(
     quiet: Record, level: float
