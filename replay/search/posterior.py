@@ -70,11 +70,11 @@ class Walked:
         others = [t for t in self.best.terms if t.key not in keys]
         less = sets.weigh(others, self.best)
         fits = {key: fit for key, fit in sets.fits.items() if key.isdisjoint(keys)}
-        rivals = [
-            fit
-            for key, fit in fits.items()
-            if key >= less.key and {name for name, *_ in key - less.key} <= aliases
-        ]
+        rivals = []
+        for key, fit in fits.items():
+            instead = {name for name, *_ in key - less.key}
+            if key >= less.key and instead <= aliases:
+                rivals.append(fit)
         dropped = {**self.dropped, **dict.fromkeys((t.name for t in gone), why)}
         return replace(self, fits=fits, best=canonical(rivals), dropped=dropped)
 
