@@ -189,7 +189,9 @@ def _said(
 
 def _unsaid(adopted: Sequence[AdoptedEffect]) -> list[str]:
     """Effects that every vehicle has, and of which the model says nothing."""
-    said = {name for one in adopted for name in (one.name, *get(one.name).contains)}
+    said: set[str] = set()
+    for one in adopted:
+        said.update((one.name, *get(one.name).contains))
     return [e.name for e in catalogue() if e.every_vehicle and e.name not in said]
 
 
