@@ -66,7 +66,7 @@ class Walked:
         """Sets without some terms alone; the best is the best less these, or with aliases in their place."""
         sets = Sets(self.evidence, dict(self.fits))
         gone = [t for t in self.best.terms if t.key in keys]
-        aliases = {name for t in gone for name in t.named.aliases}
+        aliases = set[str]().union(*(t.named.aliases for t in gone))
         others = [t for t in self.best.terms if t.key not in keys]
         less = sets.weigh(others, self.best)
         fits = {key: fit for key, fit in sets.fits.items() if key.isdisjoint(keys)}
