@@ -8,7 +8,6 @@ import numpy as np
 
 from models.common.pages.svg import Line, figure
 from replay.predict.ahead import counted
-from replay.predict.day import LEARNING_S
 from replay.predict.horizon import QUANTITIES, HorizonError, errors_ahead, worst_windows
 from replay.predict.predict import Prediction
 from replay.report import render
@@ -23,10 +22,6 @@ _CURVES = (
 def page(answer: Prediction, model: str) -> str:
     """The whole page."""
     ahead = errors_ahead(answer.ahead)
-    if answer.frozen:
-        how = "nothing is fitted"
-    else:
-        how = f"wind, load and gains of the effects are learned from the first {LEARNING_S:.0f} s"
     return render(
         "predict.html",
         head="How well the model holds",
@@ -34,7 +29,7 @@ def page(answer: Prediction, model: str) -> str:
         sentences=[],
         seconds=sum(f.seconds for f in answer.flights),
         model=model,
-        how=how,
+        how=answer.how,
         axes=_axes(answer),
         plots=_plots(ahead),
         counted=counted(answer.ahead),

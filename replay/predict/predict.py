@@ -125,17 +125,19 @@ class Prediction:
             content |= rounded(ahead_as_json(self.ahead))
         return content
 
+    @property
+    def how(self) -> str:
+        """What is fitted on the judged flights, in words."""
+        if self.frozen:
+            return "nothing is fitted"
+        start = f"the first {LEARNING_S:.0f} s"
+        return f"wind, load, drag and the sizes of the effects are learned from {start}"
+
     def as_text(self) -> str:
         """A few lines for a person."""
         seconds = sum(f.seconds for f in self.flights)
-        if self.frozen:
-            how = "nothing is fitted"
-        else:
-            how = (
-                f"wind, load and gains of the effects are learned from the first {LEARNING_S:.0f} s"
-            )
         lines = [
-            f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})",
+            f"error without -> with the adopted effects  ({seconds:.0f} s judged; {self.how})",
             *_lines(self.axes()),
         ]
         for name, (lasted, errors) in self.regimes().items():
