@@ -126,8 +126,8 @@ class Diagnosis(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no typ
         logs : path, str, or sequence of them
             One log, or several.
         frozen : bool
-            False: wind, load, accelerometer offset and a gain of every effect are learned from the first 20 s of each
-            flight. True: the effects stand as they are.
+            False: wind, load, accelerometer offset, drag that the model lacks and the sizes of its effects are learned
+            from the first 20 s of each flight. True: the effects stand as they are.
         horizon_s : float or None
             The motion is foretold, too, so far ahead [s].
 

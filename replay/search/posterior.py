@@ -66,14 +66,14 @@ class Walked:
         """Sets without some terms alone; the best is the best less these, or with aliases in their place."""
         sets = Sets(self.evidence, dict(self.fits))
         gone = [t for t in self.best.terms if t.key in keys]
-        aliases = set[str]().union(*(t.named.aliases for t in gone))
+        stand_ins = set[str]().union(*(t.named.aliases for t in gone))
         others = [t for t in self.best.terms if t.key not in keys]
         less = sets.weigh(others, self.best)
         fits = {key: fit for key, fit in sets.fits.items() if key.isdisjoint(keys)}
         rivals = []
         for key, fit in fits.items():
             instead = {name for name, *_ in key - less.key}
-            if key >= less.key and instead <= aliases:
+            if key >= less.key and instead <= stand_ins:
                 rivals.append(fit)
         dropped = {**self.dropped, **dict.fromkeys((t.name for t in gone), why)}
         return replace(self, fits=fits, best=canonical(rivals), dropped=dropped)
