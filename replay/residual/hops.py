@@ -21,6 +21,8 @@ NOT_CLEAR = (
 ROSE_M = 0.5
 CLEAR_M = 0.1
 """Change of height that proves a flight, and one above which feet that stay there for long do not touch."""
+SANK_M = 1.5
+"""The same downwards: on a bench the rotors' wash raises the pressure by up to 0.8 m of height."""
 SPUN_UP = 0.5
 """Share of the usual lift above which a run does not begin on the ground, and what moves may be in the air."""
 SMOOTH_S = 0.1
@@ -38,6 +40,8 @@ AS_MUCH = 0.9
 LEANS_G = 0.1
 HARD_G = 1.8
 """Force across the rotors' axis that no drag of less than 8 m/s of wind makes, and any force of a landing."""
+TURNS_G = 1.2
+"""Who feels more for half of the time flies turns: the ground gives the weight, and more for moments only."""
 
 
 def hops(ctx: Context, motion: Trajectory, turning: Mask) -> Mask:
@@ -50,20 +54,23 @@ def hops(ctx: Context, motion: Trajectory, turning: Mask) -> Mask:
         if begins_in_air or np.isfinite(ctx.state.h_m[run]).any():
             continue
         rate = motion.grid.rate
-        if not _low(motion.position[run, 2], rate):
+        if not stays_low(motion.position[run, 2], rate):
             continue
-        if _touches(still[run], lift[run], motion.force[run] / GRAVITY, rate):
+        if touches(still[run], lift[run], motion.force[run] / GRAVITY, rate):
             out[run] = True
     return out
 
 
-def _low(down: Array, rate: float) -> bool:
-    """Whether a run (m,) of the rotors is known to stay low, and not to stay clear of the ground for long."""
+def stays_low(down: Array, rate: float) -> bool:
+    """Whether a run of the rotors is known to stay low, and not to stay clear of the ground for long.
+
+    ``down`` (m,): place along the axis down [m], NaN where unknown, ``rate`` [Hz]. What sinks far flew, too.
+    """
     known = np.isfinite(down)
     if not known.any():
         return False
     rise = down[known][0] - running_mean(down, round(SLOW_S * rate))
-    if np.nanmax(rise) > ROSE_M:
+    if np.nanmax(rise) > ROSE_M or np.nanmin(rise) < -SANK_M:
         return False
     longest = max((run.stop - run.start for run in runs_of(rise > CLEAR_M)), default=0)
     return bool(longest < ENOUGH_S * rate)
@@ -82,7 +89,7 @@ def _still(motion: Trajectory) -> Mask:
     return np.asarray(calm & even)
 
 
-def _touches(still: Mask, lift: Array, felt: Array, rate: float) -> bool:
+def touches(still: Mask, lift: Array, felt: Array, rate: float) -> bool:
     """Whether in a run (m,) of the rotors a vehicle stands, lands hard before its end, or leans.
 
     A calm hover may look still, but its lift is that of the rest of the flight. Wind makes a vehicle lean, but not
@@ -95,6 +102,8 @@ def _touches(still: Mask, lift: Array, felt: Array, rate: float) -> bool:
     between = slice(moving[0], moving[-1])
     stands = (still[between] & (lift[between] < LESS * usual)).sum() > STOOD_S * rate
     size = np.sqrt((felt[between] ** 2).sum(axis=1))
+    if np.nanmedian(size) > TURNS_G:
+        return False
     # A blow in the last second is the landing that ends a flight.
     before_landing = size[: -round(STOOD_S * rate)]
     if stands or (before_landing > HARD_G).any():

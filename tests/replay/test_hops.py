@@ -1,4 +1,4 @@
-"""Hops of decimetres, with feet that touch between, are no flight that can be judged."""
+"""Hops of decimetres, with feet that touch between, are no flight that can be judged; other low ways are."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from companion.vehicles import chosen_vehicle
 from models.common.errors import LogError
 from models.common.frames import Array, rotation_from_quaternion
 from replay.logs.formats import load
+from replay.residual.hops import stays_low, touches
 from replay.residual.record import build_record
 from tests.simulators.failing import cases, craft, tlog, world
 
@@ -94,3 +95,35 @@ def test_a_low_flight_is_judged(hopped: Hopped) -> None:
         log = next(iter(load(path, None, {})))
         record = build_record(log, chosen_vehicle(path.with_suffix(".toml")), None)
         assert record.seconds > LONG_S
+
+
+def test_a_descent_is_no_hop() -> None:
+    down_m = np.linspace(-900.0, 0.0, round(LONG_S * HZ))
+    assert not stays_low(down_m, HZ)
+
+
+def test_a_hover_that_drifts_down_is_no_hop() -> None:
+    down_m = np.linspace(-600.0, -598.2, round(LONG_S * HZ))
+    assert not stays_low(down_m, HZ)
+
+
+def test_pressure_under_turning_rotors_is_no_descent() -> None:
+    """On a bench their wash raises it: the height seems to sink by 0.8 m."""
+    down_m = np.concatenate([np.zeros(50), np.full(round(LONG_S * HZ), 0.8)])
+    assert stays_low(down_m, HZ)
+
+
+def test_steep_turns_at_one_height_do_not_touch() -> None:
+    """Half of the time it feels 2.5 g, in between 1 g, with as much lift as that takes."""
+    time_s = np.arange(0.0, LONG_S, 1.0 / HZ)
+    load_g = 1.75 + 0.75 * np.sin(time_s)
+    felt = np.stack([np.zeros_like(load_g), np.zeros_like(load_g), -load_g], axis=1)
+    assert not touches(np.zeros(len(time_s), bool), load_g, felt, HZ)
+
+
+def test_blows_on_the_ground_touch() -> None:
+    """1 g, and ten landings of 3 g."""
+    load_g = np.ones(round(LONG_S * HZ))
+    load_g[100:1500:140] = 3.0
+    felt = np.stack([np.zeros_like(load_g), np.zeros_like(load_g), -load_g], axis=1)
+    assert touches(np.zeros(len(load_g), bool), np.ones_like(load_g), felt, HZ)
