@@ -87,6 +87,8 @@ MARGIN = 4.0
 """Sets as likely as the best but for this much (log) count as equal."""
 NAMED = 1.0
 """The same of sets that lack a term of the best: a name is stated from odds of e to one on."""
+LIKELY = 0.5
+"""Whatever is less probable, an alias in its place included, is no name."""
 ALIAS_NATS = 9.0
 """Sets less likely by this much (log) than the best are no alternative."""
 SURE = 0.995
