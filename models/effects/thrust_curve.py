@@ -18,7 +18,7 @@ from models.effects.search_hints import SearchHints
 from models.effects.shown import Shown
 
 FLATTEST = -0.4
-FELT_WITHIN = 0.1
+FELT_WITHIN = 0.05
 """Smallest slope, and by how much it may be less than what the accelerometer feels."""
 
 

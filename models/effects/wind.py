@@ -23,6 +23,9 @@ from models.effects.shown import Drawn, Quantity, Shown
 WINDY_DAYS = 0.8
 """Share of the time in which air outdoors moves by more than 1 m/s, 10 m up: a Rayleigh distribution about 2.5 m/s has
 0.88, the lower air is calmer (Manwell, McGowan & Rogers 2009, Wind Energy Explained, 2.4)."""
+LIFT = 0.03
+"""Share of the lift that a wind of 4 m/s gives at given speeds of the rotors, c (v_i(0) - v_i(V)) / (Omega R), c = 4 the
+slope of the inflow: 0.024 to 0.068 for six vehicles of 0.03 to 20 kg (Glauert 1926)."""
 LEAST_DRAG = 0.02
 """Share of momentum theory's drag below which no rotor's is: by less, a force would be a storm."""
 
@@ -136,7 +139,7 @@ EFFECT = Effect(
             optional=True,
             belongs_to=BelongsTo.VEHICLE,
         ),
-        Coefficient(name="lift", unit="1", low=0.0, high=0.15, typical=0.02, optional=True),
+        Coefficient(name="lift", unit="1", low=0.0, high=0.15, typical=LIFT, optional=True),
     ),
     wrenches=_wrenches,
     shapes=(

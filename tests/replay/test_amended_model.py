@@ -54,7 +54,7 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
     of_day = model.info["of_day"]
-    spread = {"north": 4.0, "east": 4.0, "lift": 0.02}
+    spread = {"north": 4.0, "east": 4.0, "lift": 0.03}
     assert of_day["wind"] == {"spread": spread, "shape": {"above_radii": 0.5}}
     assert of_day["payload"]["spread"]["mass"] == pytest.approx(0.15 * default_vehicle().mass_kg)
     assert known_day(model)["payload"] == {}
