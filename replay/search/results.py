@@ -140,8 +140,8 @@ def summarise(walked: Walked) -> Searched:
     probabilities are those of the sets that remain.
     """
     walked, _ = helpful(with_others(predictive(walked)))
-    others = aliases(walked)
     walked, fits, without = acting(with_surface_law(walked))
+    others = aliases(walked)
     terms_of: dict[tuple[str, int], list[Term]] = {}
     for term in walked.best.of_effects:
         terms_of.setdefault((term.name, term.instance), []).append(term)
