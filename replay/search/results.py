@@ -140,8 +140,10 @@ def summarise(walked: Walked) -> Searched:
     probabilities are those of the sets that remain.
     """
     walked, _ = helpful(with_others(predictive(walked)))
-    walked, fits, without = acting(with_surface_law(walked))
     others = aliases(walked)
+    walked, fits, without = acting(with_surface_law(walked))
+    for key, names in aliases(walked).items():
+        others[key] = list(dict.fromkeys([*others.get(key, ()), *names]))
     terms_of: dict[tuple[str, int], list[Term]] = {}
     for term in walked.best.of_effects:
         terms_of.setdefault((term.name, term.instance), []).append(term)
