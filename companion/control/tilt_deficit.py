@@ -1,6 +1,6 @@
 """What the tilt lacks of what was asked for: moments of the air that the attitude loop has not trimmed out yet.
 
-Air from the front turns a vehicle that starts or stops. A slow attitude loop takes seconds to trim that out, and so long
+Air from the front turns a vehicle that starts or stops. A slow attitude loop trims that out within seconds. Until then
 the tilt is another than was sent. A disturbance observer (Chen, Yang, Guo & Li 2016, IEEE Transactions on Industrial
 Electronics 63, 1083) sees it within its time T:
 
@@ -18,7 +18,7 @@ from companion.control.attitude_lag import AT_REST, Lags, answered
 from companion.estimation.vectors import Level, clipped, lagged
 
 SLOW_S = 1.2
-"""T. At half and at twice of it ramps end 1 mm nearer and 4 mm further off (docs/lab/hold.md)."""
+"""T. With 0.5 s a loop that answers 1.4 times too strongly and 0.1 s late swings (docs/lab/hold.md)."""
 _MOST_M_S2 = 0.6
 """3.5 degrees of tilt: more is a vehicle that is held, or does not listen."""
 

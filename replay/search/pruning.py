@@ -78,13 +78,13 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     least = _least_small(terms, fits)
     if least:
         return acting(walked.without(least, TOO_SMALL))
-    unlikely = _least_likely(walked)
+    unlikely = least_likely(walked)
     if unlikely:
         return acting(walked.without(unlikely, UNLIKELY))
     return walked, fits, without
 
 
-def _least_likely(walked: Walked) -> list[Key]:
+def least_likely(walked: Walked) -> list[Key]:
     """Terms of the effect that is least likely to act, it or an alias; empty where each is likelier than not.
 
     The likeliest set may hold an effect that most of the others lack: the median probability model (Barbieri and

@@ -27,6 +27,7 @@ from replay.search import least_visible, pruning, results
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import Acting, FlightFit
 from replay.search.posterior import Walked, class_of
+from replay.search.pruning import least_likely
 from replay.search.regimes import regimes
 from replay.search.walk import walk
 
@@ -266,6 +267,7 @@ def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
         )
         fit = SimpleNamespace(
             terms=terms,
+            of_effects=terms,
             effects={t.name for t in terms},
             score=math.log(chance),
             key=frozenset(t.key for t in terms),
@@ -284,6 +286,19 @@ def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() ->
     members = class_of(walked, get("wind"), ("imu_bias", "rotor_drag", "payload", "contact"))
     # Drag is a part of wind: it takes no share of what pushes. What is told from it is left out.
     assert members == (("wind", 0.6), ("imu_bias", 0.25), ("payload", 0.14))
+
+
+def test_an_effect_that_most_sets_do_without_is_no_name() -> None:
+    """A wind of the second simulator had a curve of the thrust beside it, stated with a probability of 0.14."""
+    walked = weighed((0.35, ("wind", "thrust_curve")), (0.34, ("wind",)), (0.31, ()))
+    assert least_likely(walked) == [("thrust_curve", None, None)]
+
+
+def test_an_effect_or_its_alias_that_most_sets_hold_is_a_name() -> None:
+    walked = weighed(
+        (0.35, ("wind", "thrust_curve")), (0.34, ("wind", "battery_sag")), (0.31, ("wind",))
+    )
+    assert least_likely(walked) == []
 
 
 def test_what_is_told_from_all_others_is_no_class() -> None:
