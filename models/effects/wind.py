@@ -24,7 +24,7 @@ WINDY_DAYS = 0.8
 """Share of the time in which air outdoors moves by more than 1 m/s, 10 m up: a Rayleigh distribution about 2.5 m/s has
 0.88, the lower air is calmer (Manwell, McGowan & Rogers 2009, Wind Energy Explained, 2.4)."""
 LIFT = 0.03
-"""Share of the lift that a wind of 4 m/s gives at one speed of the rotors, c (v_i(0) - v_i(V)) / (Omega R) with the slope
+"""Share of the lift that a wind of 4 m/s gives at one rotor speed, c (v_i(0) - v_i(V)) / (Omega R) with the slope
 c = 4 of the inflow: 0.024 to 0.068 for six vehicles of 0.03 to 20 kg (Glauert 1926)."""
 LEAST_DRAG = 0.02
 """Share of momentum theory's drag below which no rotor's is: by less, a force would be a storm."""
