@@ -71,6 +71,16 @@ class Moment:
     contact: bool
 
 
+def speaks(companion: subprocess.Popen[bytes], heartbeat: object) -> bool:
+    """Whether the companion that was started speaks.
+
+    RuntimeError where it has ended: a heartbeat is then of another one, which an earlier flight left at its port.
+    """
+    if companion.poll() is not None:
+        raise RuntimeError(f"the companion ended with {companion.returncode}: see companion.log")
+    return heartbeat is not None
+
+
 class Relay:
     """Between firmware and companion (UDP, 127.0.0.1): rotor speeds of the physics, and not all positions.
 
@@ -462,8 +472,11 @@ class Rig:
     def engage(self) -> None:
         """Companion up, the mode that obeys it, and its stream in command."""
         self.start_companion()
+        started = self._processes["companion"]
         self.until(
-            lambda: self.latest("HEARTBEAT", 191) is not None, 30.0, "the companion's heartbeat"
+            lambda: speaks(started, self.latest("HEARTBEAT", 191)),
+            30.0,
+            "the companion's heartbeat",
         )
         self.sleep(4.0)
         wanted = OFFBOARD if self.px4 else GUIDED

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 
+import pytest
 from physics import freeze_or_release
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from rig import Relay
+from rig import Relay, speaks
 
 from companion.sim.sensors import RangeFault, RangeSensor
 from companion.vehicles import QUAD
@@ -40,3 +43,21 @@ def test_a_signal_freezes_a_beam_and_the_next_releases_it():
     assert beam.fault is RangeFault.FROZEN
     freeze_or_release(beam)
     assert beam.fault is None
+
+
+def test_a_companion_that_ended_does_not_speak_whoever_does():
+    """One that an earlier flight left at the port flew eleven flights in the place of the one that was started."""
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    with pytest.raises(RuntimeError, match="ended with 0"):
+        speaks(ended, heartbeat=object())
+
+
+def test_a_companion_speaks_once_its_heartbeat_is_heard():
+    running = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    try:
+        assert not speaks(running, heartbeat=None)
+        assert speaks(running, heartbeat=object())
+    finally:
+        running.kill()
+        running.wait()
