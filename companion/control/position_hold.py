@@ -21,7 +21,6 @@ from companion.control.position_target import (
     start_reference,
     stay,
 )
-from companion.control.tilt_deficit import TiltDeficit, sent, start_deficit, watch_tilt
 from companion.control.wall_guard import WallAhead
 from companion.estimation.vectors import Level, bounded, clipped, lagged, minus, plus, within
 from companion.mavlink.firmware import ThrustMap
@@ -85,8 +84,6 @@ class Hold(NamedTuple):
     """Vertical acceleration last asked for, integral included: what carries a late velocity on."""
     reckoning: Reckoning = ()
     """What accelerations that the position does not show yet add up to."""
-    deficit: TiltDeficit = TiltDeficit()
-    """What the tilt lacks of what was sent."""
     drag_1_s: float = 0.0
     """Deceleration per speed through still air, learned on the move: it is fed forward and ends where the motion ends.
     In the integral it would carry the vehicle past the place where it stops."""
@@ -138,7 +135,6 @@ def engage(
         tilt_mean=mean,
         climb_mean=climb,
         climb_command=climb,
-        deficit=start_deficit((tilt_n, tilt_e)),
         drag_1_s=drag_1_s,
     )
 
@@ -183,12 +179,7 @@ def fly(
     lag_s = gains.lag_s
     if t_s - hold.t_s > _GAP_S:
         reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
-        hold = hold._replace(
-            target=settled_target(hold),
-            reference=reference,
-            reckoning=(),
-            deficit=start_deficit(tilt_acceleration(motion.body_down)),
-        )
+        hold = hold._replace(target=settled_target(hold), reference=reference, reckoning=())
         dt = 0.0
     reference = advance(hold.reference, hold.target, limits, t_s, dt, lag_s)
     course = expected(reference, lag_s)
@@ -200,8 +191,7 @@ def fly(
     reckoning = accelerated(hold.reckoning, t_s, dt, moving)
     gained = gained_since(reckoning, t_s - motion.age_s)
     slip = _slip(course, motion, gained, extra, gains, limits)
-    deficit = watch_tilt(hold.deficit, tilt_acceleration(motion.body_down), dt)
-    demand = plus(_demand(slip, hold, reference, gains), (*deficit.lacking, 0.0))
+    demand = _demand(slip, hold, reference, gains)
     acceleration, saturated = _limited(demand, motion.wall)
     drag = hold.drag_1_s
     integral = hold.integral
@@ -213,8 +203,6 @@ def fly(
         share = min(dt / _BALANCE_S, 1.0)
         integral = _balanced(integral, motion.balance, motion.offset, share)
     north, east, down = acceleration
-    with_offset = (north + motion.offset[0], east + motion.offset[1])
-    deficit = sent(deficit, with_offset, dt, lag_s)
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
@@ -227,7 +215,6 @@ def fly(
         climb_mean=climb_mean,
         climb_command=down,
         reckoning=reckoning,
-        deficit=deficit,
         drag_1_s=drag,
     ), setpoint
 

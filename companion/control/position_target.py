@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.control.attitude_lag import AT_REST, Lags, answered
-from companion.estimation.vectors import minus, plus, scaled, within
+from companion.estimation.vectors import Level, minus, plus, scaled, within
 from companion.mavlink.samples import SetPositionTarget
 from models.vehicle import Limits, Vector3
 
@@ -158,7 +157,7 @@ class Reference(NamedTuple):
     acceleration: Vector3
     shaped_velocity: Vector3
     """The velocity behind the shaping of ``_SHAPE_S``."""
-    answered: Lags = AT_REST
+    answered: tuple[Level, Level, Level] = ((0.0, 0.0),) * 3
     """The acceleration behind each of the lags that the attitude loop is taken for."""
     following: bool = False
     """True on a target that moves as the vehicle can: it is followed as it is. Any other is approached."""
@@ -337,7 +336,7 @@ def _approached(
         velocity=velocity,
         acceleration=(north, east, down),
         shaped_velocity=velocity,
-        answered=answered(reference.answered, (north, east), dt_s, lag_s),
+        answered=_answered(reference.answered, (north, east), dt_s, lag_s),
     )
 
 
@@ -349,6 +348,24 @@ def _ramped(old: float, demand: float, step: float) -> float:
     if change < -step:
         return old - step
     return old + change
+
+
+def _answered(
+    lags: tuple[Level, Level, Level], acceleration: Level, dt_s: float, lag_s: float
+) -> tuple[Level, Level, Level]:
+    """The acceleration behind each of three first-order lags of ``lag_s`` / 3, ``dt_s`` later."""
+    if dt_s > 0.0:
+        share = dt_s / (lag_s / 3.0 + dt_s)
+    else:
+        share = 0.0
+    north, east = acceleration
+    behind = []
+    for late_n, late_e in lags:
+        north = late_n + share * (north - late_n)
+        east = late_e + share * (east - late_e)
+        behind.append((north, east))
+    first, second, third = behind
+    return first, second, third
 
 
 def way_to_stop(velocity: Vector3) -> Vector3:
