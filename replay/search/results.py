@@ -142,6 +142,7 @@ def summarise(walked: Walked) -> Searched:
     walked, _ = helpful(with_others(predictive(walked)))
     others = aliases(walked)
     walked, fits, without = acting(with_surface_law(walked))
+    # What came in the place of another effect has aliases of its own.
     for key, names in aliases(walked).items():
         others[key] = list(dict.fromkeys([*others.get(key, ()), *names]))
     terms_of: dict[tuple[str, int], list[Term]] = {}
