@@ -63,18 +63,14 @@ class Walked:
     """What was not tried, because it would have taken too long."""
 
     def without(self, keys: Collection[Key], why: str) -> Walked:
-        """Sets without some terms alone; the best is the best less these, or with aliases in their place."""
+        """Sets without some terms. The best is the old one less these, or with aliases in the place of effects."""
         sets = Sets(self.evidence, dict(self.fits))
         gone = [t for t in self.best.terms if t.key in keys]
         stand_ins = set[str]().union(*(t.named.aliases for t in gone))
         others = [t for t in self.best.terms if t.key not in keys]
         less = sets.weigh(others, self.best)
         fits = {key: fit for key, fit in sets.fits.items() if key.isdisjoint(keys)}
-        rivals = []
-        for key, fit in fits.items():
-            instead = {name for name, *_ in key - less.key}
-            if key >= less.key and instead <= stand_ins:
-                rivals.append(fit)
+        rivals = [fit for fit in fits.values() if _stands_in(fit, less, stand_ins)]
         dropped = {**self.dropped, **dict.fromkeys((t.name for t in gone), why)}
         return replace(self, fits=fits, best=canonical(rivals), dropped=dropped)
 
@@ -125,6 +121,22 @@ class Walked:
         if fit.evidence < self.best.evidence + 1.0:
             return "the other effects fit as well without it"
         return "not likely together with the other effects"
+
+
+def _stands_in(fit: Fit, less: Fit, stand_ins: Collection[str]) -> bool:
+    """Whether a set is another one with more stand-ins, or with aliases in the place of some of its effects."""
+    new = {name for name, *_ in fit.key - less.key}
+    allowed = set(stand_ins)
+    for term in less.terms:
+        if term.key in fit.key:
+            continue
+        if term.effect is None:
+            return False
+        instead = {term.name, *term.named.aliases}
+        if new.isdisjoint(instead):
+            return False
+        allowed |= instead
+    return new <= allowed
 
 
 def aliases(walked: Walked) -> dict[Key, list[str]]:
