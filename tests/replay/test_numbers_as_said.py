@@ -263,17 +263,43 @@ def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
     fits = {}
     for chance, names in sets:
         terms = tuple(
-            SimpleNamespace(name=name, effect=get(name), key=(name, None, None)) for name in names
+            SimpleNamespace(
+                name=name, effect=get(name), named=get(name), key=(name, None, None), order=(name,)
+            )
+            for name in names
         )
         fit = SimpleNamespace(
             terms=terms,
             of_effects=terms,
             effects={t.name for t in terms},
             score=math.log(chance),
+            noise=None,
             key=frozenset(t.key for t in terms),
         )
         fits[fit.key] = fit
-    return Walked(evidence=None, fits=fits, best=next(iter(fits.values())))
+    known = SimpleNamespace(fit=lambda terms, noise: fits[frozenset(t.key for t in terms)])
+    return Walked(evidence=known, fits=fits, best=next(iter(fits.values())))
+
+
+def test_where_an_effect_is_taken_out_a_likelier_alias_takes_the_place_of_what_is_left() -> None:
+    """A load (seed 68) was the sag of a pack, at odds of one to millions, once its inflow was too small."""
+    walked = weighed(
+        (0.9, ("battery_sag", "vertical_inflow")),
+        (0.0999, ("thrust_scale",)),
+        (0.0001, ("battery_sag",)),
+    )
+    left = walked.without([("vertical_inflow", None, None)], "too small")
+    assert left.best.effects == {"thrust_scale"}
+
+
+def test_where_an_effect_is_taken_out_what_is_no_alias_takes_no_place() -> None:
+    walked = weighed(
+        (0.9, ("battery_sag", "vertical_inflow")),
+        (0.0999, ("wind",)),
+        (0.0001, ("battery_sag",)),
+    )
+    left = walked.without([("vertical_inflow", None, None)], "too small")
+    assert left.best.effects == {"battery_sag"}
 
 
 def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() -> None:
