@@ -22,7 +22,8 @@ ROSE_M = 0.5
 CLEAR_M = 0.1
 """Change of height that proves a flight, and one above which feet that stay there for long do not touch."""
 SANK_M = 1.5
-"""The same downwards: on a bench the rotors' wash raises the pressure by up to 0.8 m of height."""
+"""Change of height downwards that proves a flight. On a bench the rotors' wash raises the pressure, and the height seems
+to sink by up to 0.8 m."""
 SPUN_UP = 0.5
 """Share of the usual lift above which a run does not begin on the ground, and what moves may be in the air."""
 SMOOTH_S = 0.1
@@ -41,7 +42,7 @@ LEANS_G = 0.1
 HARD_G = 1.8
 """Force across the rotors' axis that no drag of less than 8 m/s of wind makes, and any force of a landing."""
 TURNS_G = 1.2
-"""Who feels more for half of the time flies turns: the ground gives the weight, and more for moments only."""
+"""A vehicle that feels more for half of the time flies turns. On the ground it feels its weight, and more in blows."""
 
 
 def hops(ctx: Context, motion: Trajectory, turning: Mask) -> Mask:

@@ -124,7 +124,7 @@ class Walked:
 
 
 def _stands_in(fit: Fit, less: Fit, stand_ins: Collection[str]) -> bool:
-    """Whether a set is another one with more stand-ins, or with aliases in the place of some of its effects."""
+    """Whether a set is ``less`` with stand-ins besides, or with aliases in the place of some of its effects."""
     new = {name for name, *_ in fit.key - less.key}
     allowed = set(stand_ins)
     for term in less.terms:

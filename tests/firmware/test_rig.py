@@ -46,7 +46,7 @@ def test_a_signal_freezes_a_beam_and_the_next_releases_it():
 
 
 def test_a_companion_that_ended_does_not_speak_whoever_does():
-    """One that an earlier flight left at the port flew eleven flights in the place of the one that was started."""
+    """One that an earlier flight left at the port flew nineteen flights in the place of the one that was started."""
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     with pytest.raises(RuntimeError, match="ended with 0"):
