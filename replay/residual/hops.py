@@ -22,8 +22,8 @@ ROSE_M = 0.5
 CLEAR_M = 0.1
 """Change of height that proves a flight, and one above which feet that stay there for long do not touch."""
 SANK_M = 1.5
-"""Change of height downwards that proves a flight. On a bench the rotors' wash raises the pressure, and the height seems
-to sink by up to 0.8 m."""
+"""Change of height downwards that proves a flight. On a bench the rotors' wash raises the pressure, and the height
+seems to sink by up to 0.8 m."""
 SPUN_UP = 0.5
 """Share of the usual lift above which a run does not begin on the ground, and what moves may be in the air."""
 SMOOTH_S = 0.1
