@@ -1,5 +1,7 @@
 """Moment against turning: a rotor that turning moves down meets more air and lifts more; arms and hull are dragged.
 
+Rotors are round: roll and pitch have one coefficient.
+
 Valid: rates whose speed at the rotors stays well below that of the blade tips.
 Source: Pounds, Mahony & Corke 2010, Control Engineering Practice 18(7), 691-699, section on damping by the rotors.
 """
@@ -31,12 +33,11 @@ def _unit(ctx: Context) -> Array:
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     against = -_unit(ctx)[..., None] * ctx.state.rates
-    out = []
-    for axis in range(3):
-        wrench = np.zeros((*against.shape[:-1], 6))
-        wrench[..., 3 + axis] = against[..., axis]
-        out.append(wrench)
-    return tuple(out)
+    tilting = np.zeros((*against.shape[:-1], 6))
+    yaw = np.zeros_like(tilting)
+    tilting[..., 3:5] = against[..., :2]
+    yaw[..., 5] = against[..., 2]
+    return tilting, yaw
 
 
 def _drawn(ctx: Context, axis: str) -> Drawn:
@@ -49,24 +50,23 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     rate = np.radians(_TOLD_DEG_S)
     percent = 100.0 * rate * mean(_unit(ctx)) / (ctx.weight * ctx.lever)
     return (
-        f"turning at {_TOLD_DEG_S:.0f} deg/s is held back by {abs(p['roll']) * percent:.2g} % of "
-        f"weight times arm in roll, {abs(p['pitch']) * percent:.2g} % in pitch"
+        f"tilting at {_TOLD_DEG_S:.0f} deg/s is held back by {abs(p['tilting']) * percent:.2g} % of "
+        "weight times arm"
     )
 
 
 EFFECT = Effect(
     name="rate_damping",
-    equation="dM_i = -c_i L^2 sum sqrt(rho A T) omega_i, L the longest arm",
-    sign="roll, pitch, yaw > 0: against the turning",
+    equation="dM = -L^2 sum sqrt(rho A T) (c p, c q, y r), L the longest arm",
+    sign="tilting, yaw > 0: against the turning",
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "r_rad_s", "rpm_1"),
     excite="quick roll and pitch steps, and turns about the vertical",
     coefficients=(
-        Coefficient(name="roll", unit="1", low=0.0, high=10.0, typical=1.0),
-        Coefficient(name="pitch", unit="1", low=0.0, high=10.0, typical=1.0),
+        Coefficient(name="tilting", unit="1", low=0.0, high=10.0, typical=1.0),
         Coefficient(name="yaw", unit="1", low=0.0, high=10.0, typical=0.5),
     ),
-    main=("roll", "pitch"),
+    main=("tilting",),
     wrenches=_wrenches,
     search=SearchHints(
         needs_moments=True,

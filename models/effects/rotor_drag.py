@@ -31,7 +31,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     above = p["above_radii"]
     if above <= HUBS_RADII:
         return said
-    # A drag c that acts h radii higher has the moments of flapping_moment with roll = pitch = c h.
+    # A drag c that acts h radii higher has the moments of flapping_moment of c h.
     beyond = p["drag"] * (above - HUBS_RADII)
     return (
         f"{said}; it acts {above:.2g} radii above the hubs, too high for their drag alone: part of "

@@ -277,8 +277,8 @@ def test_turning_is_held_back(ctx: Context) -> None:
     rates = np.broadcast_to([1.0, -2.0, 3.0], ctx.state.rates.shape)
     turning = replace(ctx, state=replace(ctx.state, rates=rates))
     unit = ctx.lever**2 * ctx.mass_flow[0].sum()
-    held = moments("rate_damping", turning, roll=1.0, pitch=0.5, yaw=0.1)
-    assert held == pytest.approx(unit * np.array([-1.0, 1.0, -0.3]))
+    held = moments("rate_damping", turning, tilting=0.5, yaw=0.1)
+    assert held == pytest.approx(unit * np.array([-0.5, 1.0, -0.3]))
 
 
 def test_rotors_that_speed_up_turn_the_vehicle_back() -> None:
@@ -304,10 +304,10 @@ def test_airflow_from_ahead_lifts_the_nose(ctx: Context) -> None:
     left = np.broadcast_to([0.0, -2.0, 0.0], ctx.state.velocity_ned.shape)
     one = replace(ctx, state=replace(ctx.state, rotation=level, velocity_ned=ahead))
     other = replace(ctx, state=replace(ctx.state, rotation=level, velocity_ned=left))
-    roll, pitch, yaw = moments("flapping_moment", one, roll=1.0, pitch=1.0)
+    roll, pitch, yaw = moments("flapping_moment", one, moment=1.0)
     assert pitch > 0.0
     assert (roll, yaw) == (0.0, 0.0)
-    roll, pitch, yaw = moments("flapping_moment", other, roll=1.0, pitch=1.0)
+    roll, pitch, yaw = moments("flapping_moment", other, moment=1.0)
     assert roll > 0.0
     assert (pitch, yaw) == (0.0, 0.0)
 
@@ -316,7 +316,7 @@ def test_a_lever_that_no_hub_has_is_said_to_be_the_moment_of_the_airflow(ctx: Co
     drag = get("rotor_drag")
     alone = {"drag": 0.4, "turning": 0.0, "sinking": 0.0}
     high, hub = (alone | {"above_radii": above} for above in (1.6, 1.0))
-    flapping = get("flapping_moment").wrench(ctx, {"roll": 0.24, "pitch": 0.24})
+    flapping = get("flapping_moment").wrench(ctx, {"moment": 0.24})
     assert drag.wrench(ctx, high) == pytest.approx(drag.wrench(ctx, hub) + flapping)
     assert drag.shown.in_words is not None
     assert "flapping_moment of 0.24" in drag.shown.in_words(ctx, high)

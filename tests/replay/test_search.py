@@ -740,8 +740,8 @@ def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
 @pytest.mark.parametrize(
     ("name", "coefficients"),
     [
-        ("rate_damping", (1.2, 1.2, 0.3)),
-        ("flapping_moment", (0.6, 0.6)),
+        ("rate_damping", (1.2, 0.3)),
+        ("flapping_moment", (0.6,)),
         ("rotor_inertia", (0.01,)),
     ],
 )
@@ -750,6 +750,19 @@ def test_a_moment_is_named_among_all(
 ) -> None:
     answer = search(added(swung(quiet), name, (), *coefficients), list(catalogue()))
     assert names(answer) == {name}
+
+
+@pytest.mark.slow
+def test_a_moment_in_roll_alone_is_not_that_of_round_rotors(quiet: Record) -> None:
+    """Where pitch moves more than roll, and no moment answers it, the rotors do not make the one in roll."""
+    flown = swung(quiet)
+    state = flown.context.state
+    rates = state.rates * [1.0, 3.0, 1.0]
+    flown = with_context(flown, state=replace(state, rates=rates))
+    residual = flown.residual.copy()
+    residual[:, 3] -= 0.3 * rates[:, 0]
+    answer = search(replace(flown, residual=residual), some("rate_damping", "flapping_moment"))
+    assert names(answer) == set()
 
 
 @pytest.mark.slow

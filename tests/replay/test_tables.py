@@ -22,8 +22,8 @@ from replay.predict.rollout import FlightModel, rollout
 
 TRUE = {
     "rotor_drag.drag": 0.3,
-    "rate_damping.roll": 2.0,
-    "flapping_moment.pitch": 0.1,
+    "rate_damping.tilting": 2.0,
+    "flapping_moment.moment": 0.1,
     "rotor_inertia.inertia": 1e-9,
 }
 

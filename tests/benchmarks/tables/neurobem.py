@@ -61,8 +61,8 @@ FORCES = (
     ("momentum_thrust", ("slope",)),
 )
 MOMENTS = (
-    ("flapping_moment", ("roll", "pitch")),
-    ("rate_damping", ("roll", "pitch", "yaw")),
+    ("flapping_moment", ("moment",)),
+    ("rate_damping", ("tilting", "yaw")),
     ("gyroscopic", ("inertia",)),
 )
 Terms = Sequence[tuple[str, tuple[str, ...]]]
