@@ -97,9 +97,12 @@ PUBLISHED: dict[str, Score] = {
         "rates": [0.1021, 0.4292, 1.2407, 35.8353],
     },
 }
+DEAD_S = "dead_s"
+"""Of the rotors: the air takes time to follow their speed."""
 LEARNERS = ("MLP", "Hybrid", "LSTM")
 FORCES = [
     Parameter("thrust", 1.0, 0.05, 0.5, 1.5),
+    Parameter(DEAD_S, 0.01, 0.01, 0.0, 0.1),
     Parameter("rotor_drag.drag", 0.5, 0.3, 0.0),
     Parameter("vertical_inflow.slope", 2.0, 2.0, 0.0),
     Parameter("momentum_thrust.slope", 2.0, 2.0, 0.0),
@@ -157,7 +160,7 @@ class Fitted:
     @property
     def model(self) -> FlightModel:
         """What is rolled out."""
-        own = {key: value for key, value in self.values.items() if "." not in key}
+        own = {k: v for k, v in self.values.items() if "." not in k and k != DEAD_S}
         named: dict[str, dict[str, float]] = {}
         for key, value in self.values.items():
             if "." in key:
@@ -176,11 +179,21 @@ class Fitted:
         return rollout(
             self.model,
             states,
-            inputs,
+            self._late(inputs),
             step_s=STEP_S,
             beside=self._spun_up(inputs),
             rotations=rotations,
         )
+
+    def _late(self, inputs: Array) -> Array:
+        """Rotor speeds (n, steps, 4) that the thrust belongs to; before the first one all are as it is."""
+        late = self.values.get(DEAD_S, 0.0) / STEP_S
+        whole = int(late)
+        part = late - whole
+        steps = np.arange(inputs.shape[1])
+        after = inputs[:, np.maximum(steps - whole, 0)]
+        before = inputs[:, np.maximum(steps - whole - 1, 0)]
+        return np.asarray((1.0 - part) * after + part * before)
 
     def _spun_up(self, inputs: Array) -> Array:
         """Reaction (n, steps, 6) of rotors that speed up; at the first step the change is not known."""
