@@ -48,9 +48,9 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     rate = np.radians(_TOLD_DEG_S)
-    percent = 100.0 * rate * mean(_unit(ctx)) / (ctx.weight * ctx.lever)
+    held_back = rate * abs(p["tilting"]) * mean(_unit(ctx)) / (ctx.weight * ctx.lever)
     return (
-        f"tilting at {_TOLD_DEG_S:.0f} deg/s is held back by {abs(p['tilting']) * percent:.2g} % of "
+        f"tilting at {_TOLD_DEG_S:.0f} deg/s is held back by {100.0 * held_back:.2g} % of "
         "weight times arm"
     )
 

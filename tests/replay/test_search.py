@@ -754,7 +754,7 @@ def test_a_moment_is_named_among_all(
 
 @pytest.mark.slow
 def test_a_moment_in_roll_alone_is_not_that_of_round_rotors(quiet: Record) -> None:
-    """Where pitch moves more than roll, and no moment answers it, the rotors do not make the one in roll."""
+    """Pitch moves more than roll, and no moment answers it: rotors do not make that in roll."""
     flown = swung(quiet)
     state = flown.context.state
     rates = state.rates * [1.0, 3.0, 1.0]

@@ -186,7 +186,7 @@ class Fitted:
         )
 
     def _late(self, inputs: Array) -> Array:
-        """Rotor speeds (n, steps, 4) that the thrust belongs to; before the first one all are as it is."""
+        """Rotor speeds (n, steps, 4) that the thrust belongs to; the first one held before it."""
         late = self.values.get(DEAD_S, 0.0) / STEP_S
         whole = int(late)
         part = late - whole
