@@ -142,21 +142,27 @@ def _stands_in(fit: Fit, less: Fit, stand_ins: Collection[str]) -> bool:
 def aliases(walked: Walked) -> dict[Key, list[str]]:
     """By key of a term of the best set, effects that could stand in its place.
 
-    Those of sets that are the same but for a few effects, and about as likely.
+    Those of sets that are the same but for a few effects, and about as likely. What acts on none of its axes is none.
     """
     best = walked.best
-    out: dict[Key, list[str]] = {key: [] for key in best.key}
+    out: dict[Key, list[str]] = {term.key: [] for term in best.terms}
     for fit in walked.ranked():
         new = [t for t in fit.terms if t.key not in best.key]
-        gone = best.key - fit.key
+        gone = [t for t in best.terms if t.key not in fit.key]
         few = 0 < len(gone) <= MOST_EXCHANGED and 0 < len(new) <= MOST_EXCHANGED
         near = fit.score >= best.score - ALIAS_NATS
         if few and near and all(t.effect is not None for t in new):
-            names = sorted({t.name for t in new})
-            for key in gone:
-                others = [name for name in names if name not in (key[0], *out[key])]
-                out[key] += others
+            for term in gone:
+                names = {t.name for t in new if _on_common_axis(term, t)}
+                known = {term.name, *out[term.key]}
+                out[term.key] += sorted(names - known)
     return out
+
+
+def _on_common_axis(one: Term, other: Term) -> bool:
+    """Whether an effect can do something of what another one does; a free curve acts on the axis that it has."""
+    axes = (one.axis,) if one.effect is None else one.effect.axes
+    return not set(axes).isdisjoint(other.named.axes)
 
 
 def class_of(

@@ -26,7 +26,7 @@ from replay.residual.record import Record
 from replay.search import least_visible, pruning, results
 from replay.search.estimates import IntervalEstimate
 from replay.search.held_out import Acting, FlightFit
-from replay.search.posterior import Walked, class_of
+from replay.search.posterior import Walked, aliases, class_of
 from replay.search.pruning import least_likely
 from replay.search.regimes import regimes
 from replay.search.walk import walk
@@ -308,6 +308,15 @@ def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() ->
     members = class_of(walked, get("wind"), ("imu_bias", "rotor_drag", "payload", "contact"))
     # Drag is a part of wind: it takes no share of what pushes. What is told from it is left out.
     assert members == (("wind", 0.6), ("imu_bias", 0.25), ("payload", 0.14))
+
+
+def test_what_acts_on_no_common_axis_is_no_alias() -> None:
+    """A scale of the thrust was "or the inertia of the rotors", which turns the vehicle and lifts nothing."""
+    walked = weighed((0.6, ("thrust_scale", "gyroscopic")), (0.4, ("payload", "rotor_inertia")))
+    assert aliases(walked) == {
+        ("thrust_scale", None, None): ["payload"],
+        ("gyroscopic", None, None): ["rotor_inertia"],
+    }
 
 
 def test_an_effect_that_most_sets_do_without_is_no_name() -> None:
