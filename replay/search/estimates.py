@@ -94,20 +94,12 @@ class Sizes:
 
 
 def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalEstimate]) -> Sizes:
-    """Coefficients on a flight, then the shape (``shape_estimates``).
-
-    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
-    Statistics 9, 586), and beside it that between the sets that hold the effect.
-    """
+    """Coefficients on a flight, then the shape (``shape_estimates``)."""
     effect = term.named
     flight = fit.index
     context = fit.record.context
-    mean = effect.mixed(walked.best.sizes(term, flight), term.shape)
+    mean, sd = mean_and_spread(walked, term, fit)
     root = _root_of_covariance(walked.best, term, flight)
-    posterior = (root**2).sum(axis=0) / TRUST
-    of_folds = effect.mixed(fit.effects[term.key].folds, term.shape)
-    variance = np.maximum(posterior, jackknife(of_folds))
-    sd = np.sqrt(variance + _between(walked, term, flight, mean))
     fitted: list[IntervalEstimate] = []
     possible: list[IntervalEstimate] = []
     for i, coefficient in enumerate(effect.coefficients):
@@ -121,7 +113,7 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
         fitted.append(estimate)
         possible.append(replace(estimate, ci95=within))
     # The correlations are the posterior's, the spreads those of the intervals.
-    wider = sd / np.sqrt(np.maximum(posterior, 1e-300) * TRUST)
+    wider = sd / np.maximum(np.sqrt((root**2).sum(axis=0)), 1e-150)
     normal = np.random.default_rng(0).standard_normal((DRAWS, len(mean)))
     draws = _within(mean + (normal @ root) * wider, effect, context)
     draws_of = {c.name: draws[:, i] for i, c in enumerate(effect.coefficients)}
@@ -131,6 +123,21 @@ def sizes(walked: Walked, term: Term, fit: FlightFit, shapes: Sequence[IntervalE
         fitted=(*fitted, *shapes),
         shown=shown_parameters(effect, context, [*possible, *shapes], draws_of),
     )
+
+
+def mean_and_spread(walked: Walked, term: Term, fit: FlightFit) -> tuple[Array, Array]:
+    """Coefficients on a flight (k,), and their standard deviations.
+
+    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
+    Statistics 9, 586), and beside it that between the sets that hold the effect.
+    """
+    effect = term.named
+    mean = effect.mixed(walked.best.sizes(term, fit.index), term.shape)
+    root = _root_of_covariance(walked.best, term, fit.index)
+    posterior = (root**2).sum(axis=0) / TRUST
+    of_folds = effect.mixed(fit.effects[term.key].folds, term.shape)
+    variance = np.maximum(posterior, jackknife(of_folds))
+    return mean, np.sqrt(variance + _between(walked, term, fit.index, mean))
 
 
 def _root_of_covariance(fit: Fit, term: Term, flight: int) -> Array:

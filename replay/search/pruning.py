@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import product
 
+import numpy as np
+
 from models.common.frames import AXES
 from models.effects import Effect
+from replay.search.estimates import SIDE, mean_and_spread
 from replay.search.evidence import Fit
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.posterior import Walked, aliases
@@ -16,6 +19,7 @@ from replay.search.thresholds import HELD_OUT, LIKELY, NEAR, RIVALS, WORSE_SHARE
 WORSE = "it makes the error on held-out time larger"
 TOO_SMALL = "too small: below 1 % of the weight, and below a tenth of the error on every axis"
 UNLIKELY = "less likely than not, among all sets that were weighed"
+ONLY_A_PART = "what it has besides a part of it is not told from zero"
 """Why an effect was taken out."""
 AxesOfKeys = dict[Key, tuple[str, ...]]
 
@@ -49,8 +53,8 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     """The best set with every effect on the axes that it helps; by key, the axes on which it does not act.
 
     What acts on none of the axes that it carries is no name: the set is weighed again without it. What
-    contains another effect is that one, where the coefficients that make it act nowhere. Nor is what is small
-    in every part of every flight, or what most of the weighed sets do without.
+    contains another effect is that one, where the coefficients that make it act nowhere, or are not told from zero.
+    Nor is what is small in every part of every flight, or what most of the weighed sets do without.
     """
     walked, whole = helpful(walked)
     terms = walked.best.of_effects
@@ -81,7 +85,31 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     unlikely = least_likely(walked)
     if unlikely:
         return acting(walked.without(unlikely, UNLIKELY))
+    parts = only_parts(walked, fits)
+    if parts:
+        return acting(walked.without(parts, ONLY_A_PART))
     return walked, fits, without
+
+
+def only_parts(walked: Walked, fits: Sequence[FlightFit]) -> list[Key]:
+    """Terms that contain another effect and are no more than that: what they have besides is not told from zero.
+
+    A wind of which no flight knows that it blows is the drag of the rotors.
+    """
+    out = []
+    for term in walked.best.of_effects:
+        acts = [fit for fit in fits if term.key in fit.effects]
+        if term.named.contains and not any(_told(walked, term, fit) for fit in acts):
+            out.append(term.key)
+    return out
+
+
+def _told(walked: Walked, term: Term, fit: FlightFit) -> bool:
+    """Whether the 95 % interval of one of the main coefficients leaves out zero."""
+    effect = term.named
+    mean, sd = mean_and_spread(walked, term, fit)
+    main = [c.name in effect.main_names for c in effect.coefficients]
+    return bool(np.any(np.abs(mean[main]) > SIDE * sd[main]))
 
 
 def least_likely(walked: Walked) -> list[Key]:

@@ -25,9 +25,9 @@ from replay.diagnosis.words import estimate_text, explains_text, size_text
 from replay.residual.record import Record
 from replay.search import least_visible, pruning, results
 from replay.search.estimates import IntervalEstimate
-from replay.search.held_out import Acting, FlightFit
+from replay.search.held_out import Acting, FlightFit, flight_fits
 from replay.search.posterior import Walked, aliases, class_of
-from replay.search.pruning import least_likely
+from replay.search.pruning import least_likely, only_parts
 from replay.search.regimes import regimes
 from replay.search.walk import walk
 
@@ -330,6 +330,18 @@ def test_an_effect_or_its_alias_that_most_sets_hold_is_a_name() -> None:
         (0.35, ("wind", "thrust_curve")), (0.34, ("wind", "battery_sag")), (0.31, ("wind",))
     )
     assert least_likely(walked) == []
+
+
+@pytest.mark.parametrize(("north_m_s", "known"), [(0.0, False), (3.0, True)])
+def test_a_wind_that_is_not_known_to_blow_is_only_the_drag_of_the_rotors(
+    quiet: Record, north_m_s: float, known: bool
+) -> None:
+    """Of 31 winds on real flights seven were not told from zero, and three of these were none."""
+    walked = walk([in_wind(with_velocity(quiet, 4.0), north_m_s, 0.0, 0.3)], some("wind"))
+    wind = next(term for term in walked.evidence.library.terms if term.name == "wind")
+    windy = replace(walked, best=walked.evidence.fit([wind], walked.best.noise))
+    fits = flight_fits(windy.evidence, windy.best)
+    assert only_parts(windy, fits) == ([] if known else [wind.key])
 
 
 def test_what_is_told_from_all_others_is_no_class() -> None:
