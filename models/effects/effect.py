@@ -69,6 +69,8 @@ class Effect:
     search: SearchHints = _SEARCHED
     main: tuple[str, ...] = ()
     """Coefficients of which at least one must be significant; empty: any."""
+    together: tuple[str, ...] = ()
+    """Axes on which it acts alike: what makes the error of one of them larger is another effect."""
     # Its relatives.
     aliases: tuple[str, ...] = ()
     """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve

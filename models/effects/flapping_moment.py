@@ -44,6 +44,7 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 1 m/s",
     coefficients=(Coefficient(name="moment", unit="1", low=-5.0, high=5.0, typical=0.5),),
+    together=("Mx", "My"),
     wrenches=_wrenches,
     search=SearchHints(
         needs_moments=True,

@@ -67,6 +67,7 @@ EFFECT = Effect(
         Coefficient(name="yaw", unit="1", low=0.0, high=10.0, typical=0.5),
     ),
     main=("tilting",),
+    together=("Mx", "My"),
     wrenches=_wrenches,
     search=SearchHints(
         needs_moments=True,

@@ -52,9 +52,10 @@ def helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
 def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     """The best set with every effect on the axes that it helps; by key, the axes on which it does not act.
 
-    What acts on none of the axes that it carries is no name: the set is weighed again without it. What
-    contains another effect is that one, where the coefficients that make it act nowhere, or are not told from zero.
-    Nor is what is small in every part of every flight, or what most of the weighed sets do without.
+    What acts on none of the axes that it carries, or not on all of those on which it acts alike, is no name: the
+    set is weighed again without it. What contains another effect is that one, where the coefficients that make it
+    act nowhere, or are not told from zero. Nor is what is small in every part of every flight, or what most of
+    the weighed sets do without.
     """
     walked, whole = helpful(walked)
     terms = walked.best.of_effects
@@ -73,8 +74,9 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
                 without[key] = (*without.get(key, ()), AXES[axis])
     idle = []
     for term in terms:
-        nowhere = without.get(term.key, ())
-        if nowhere and _decisive_axes(whole, term) <= set(nowhere):
+        nowhere = set(without.get(term.key, ()))
+        divided = not nowhere.isdisjoint(term.named.together)
+        if divided or (nowhere and _decisive_axes(whole, term) <= nowhere):
             idle.append(term.key)
     if idle:
         worst = min(idle, key=lambda key: (share(whole, key), str(key)))

@@ -753,11 +753,12 @@ def test_a_moment_is_named_among_all(
 
 
 @pytest.mark.slow
-def test_a_moment_in_roll_alone_is_not_that_of_round_rotors(quiet: Record) -> None:
-    """Pitch moves more than roll, and no moment answers it: rotors do not make that in roll."""
+@pytest.mark.parametrize("pitch", [1.0, 3.0])
+def test_a_moment_in_roll_alone_is_not_that_of_round_rotors(quiet: Record, pitch: float) -> None:
+    """Where pitch moves as much, or more, and no moment answers it: rotors do not make that in roll."""
     flown = swung(quiet)
     state = flown.context.state
-    rates = state.rates * [1.0, 3.0, 1.0]
+    rates = state.rates * [1.0, pitch, 1.0]
     flown = with_context(flown, state=replace(state, rates=rates))
     residual = flown.residual.copy()
     residual[:, 3] -= 0.3 * rates[:, 0]
