@@ -48,11 +48,13 @@ class Work:
 
     def step(self, ask: Ask) -> str:
         """What is being done; empty where it is over."""
+        # A page is made in a thread of its own: meanwhile the work may end.
         step = self._steps.get(ask.folder, "")
-        if step and ask.folder in self._before:
+        before = self._before.get(ask.folder)
+        if step and before is not None:
             drop = Drop(ask.folder.parents[1])
             count = len(drop.logs)
-            done = min(drop.last - self._before[ask.folder], count)
+            done = min(drop.last - before, count)
             return f"{step}: {done} of {count} done"
         if step and ask.vehicle_text:
             return "the vehicle is drafted; looks what the model lacks"

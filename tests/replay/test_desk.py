@@ -361,6 +361,23 @@ def test_a_season_says_how_far_it_is_to_every_browser(desk):
                 assert "reads the logs: 2 of 3 done" in client.get(page).text
 
 
+def test_a_season_may_end_while_its_page_is_made(desk, monkeypatch):
+    """Pages are made in threads of their own."""
+    work = Work()
+    with testclient.TestClient(app(desk, work), base_url=HERE) as client:
+        page = drop(client, a=b"a")
+        ask = Question(Asked.SEASON).written(desk.drops[0])
+        work._steps[ask.folder] = "reads the logs"
+        work._before[ask.folder] = 0
+
+        def ended(_: Drop) -> int:
+            work._before.clear()
+            return 1
+
+        monkeypatch.setattr(Drop, "last", property(ended))
+        assert "reads the logs: 1 of 1 done" in client.get(page).text
+
+
 @pytest.mark.slow
 def test_a_cancelled_season_is_taken_up_again(desk, flown, tmp_path):
     other = write_tlog(tmp_path / "b.tlog", quad_flight(30.0, seed=2))
