@@ -31,7 +31,8 @@ DERIVED_OVER_S = (0.5, 5.0)
 DERIVED_M_S2 = 0.003
 DERIVED_SHARE = 0.2
 """Times over which accelerometer and derivative of the velocity are compared; spread of their difference over the
-longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured."""
+longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured. Where
+the shorter is below the first of both, rounding is what differs, which averages out more slowly (a third)."""
 UPSIDE_DOWN = 0.3
 OVER_S = 0.3
 OVER_SHARE = 0.3
@@ -120,7 +121,8 @@ def derived_accelerometer(motion: Trajectory, flying: Mask) -> bool:
     short_s, long_s = DERIVED_OVER_S
     short = _spread(difference, flying, short_s, rate)
     long = _spread(difference, flying, long_s, rate)
-    return bool((long < DERIVED_M_S2).all() and (long < DERIVED_SHARE * short).all())
+    expected = DERIVED_SHARE * np.maximum(short, DERIVED_M_S2)
+    return bool((long < DERIVED_M_S2).all() and (long < expected).all())
 
 
 def _spread(x: Array, flying: Mask, seconds: float, rate: float) -> Array:

@@ -17,6 +17,7 @@ from models.vehicle import Fan, Rotor, Throttle, Vehicle, load_vehicle
 from replay.diagnosis.diagnose import conclude
 from replay.diagnosis.model_faults import model_faults
 from replay.flightlog import FlightLog, LogFault, Series
+from replay.residual.motion_faults import derived_accelerometer
 from replay.residual.record import build_record
 from replay.residual.vehicle_faults import exchanged_fans, exchanged_spins
 
@@ -185,6 +186,26 @@ def rarely_logged(log: FlightLog) -> FlightLog:
     slower = replace(one, specific_force=thin(one.specific_force, 4), gyro=thin(one.gyro, 4))
     assert log.attitude is not None
     return replace(log, imus=(slower,), attitude=thin(log.attitude, 10))
+
+
+@pytest.mark.parametrize(
+    ("rounded_m_s2", "offset_m_s2", "is_derived"),
+    [(0.001, 0.0, True), (0.01, 0.0, True), (0.001, 0.02, False)],
+)
+def test_a_derivative_that_only_differs_by_rounding_is_no_accelerometer(
+    rounded_m_s2: float, offset_m_s2: float, is_derived: bool
+) -> None:
+    """At the rate of its velocity nothing is smoothed. An accelerometer's offset wanders with its temperature."""
+    rng = np.random.default_rng(3)
+    time_s = np.arange(3000) / 10.0
+    rounding = rounded_m_s2 * (rng.random((3000, 3)) - 0.5)
+    wandering = offset_m_s2 * np.sin(2.0 * np.pi * time_s / 100.0)
+    motion = SimpleNamespace(
+        grid=SimpleNamespace(rate=10.0),
+        rotation=np.broadcast_to(np.eye(3), (3000, 3, 3)),
+        kinematic_bias=rounding + wandering[:, None],
+    )
+    assert derived_accelerometer(motion, np.ones(3000, bool)) is is_derived
 
 
 def test_a_frame_that_shakes_faster_than_it_is_logged_has_no_faulty_gyro(flown: Motion) -> None:
