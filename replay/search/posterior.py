@@ -124,18 +124,12 @@ class Walked:
 
 
 def _stands_in(fit: Fit, less: Fit, stand_ins: Collection[str]) -> bool:
-    """Whether a set is ``less`` with stand-ins besides, or with aliases in the place of some of its effects."""
-    new = {name for name, *_ in fit.key - less.key}
+    """Whether a set is ``less`` or a part of it, with stand-ins besides, or aliases in the place of some effects."""
     allowed = set(stand_ins)
     for term in less.terms:
-        if term.key in fit.key:
-            continue
-        if term.effect is None:
-            return False
-        instead = {term.name, *term.named.aliases}
-        if new.isdisjoint(instead):
-            return False
-        allowed |= instead
+        if term.effect is not None and term.key not in fit.key:
+            allowed |= {term.name, *term.named.aliases}
+    new = {name for name, *_ in fit.key - less.key}
     return new <= allowed
 
 
