@@ -15,6 +15,7 @@ from replay.search.held_out import FlightFit, flight_fits
 from replay.search.posterior import Walked, aliases
 from replay.search.terms import Key, Term
 from replay.search.thresholds import HELD_OUT, LIKELY, NEAR, RIVALS, WORSE_SHARE
+from replay.search.walk import with_aliases
 
 WORSE = "it makes the error on held-out time larger"
 TOO_SMALL = "too small: below 1 % of the weight, and below a tenth of the error on every axis"
@@ -90,7 +91,10 @@ def acting(walked: Walked) -> tuple[Walked, list[FlightFit], AxesOfKeys]:
     parts = only_parts(walked, fits)
     if parts:
         return acting(walked.without(parts, ONLY_A_PART))
-    return walked, fits, without
+    exchanged = with_aliases(walked)
+    if exchanged.best.key != walked.best.key:
+        return acting(exchanged)
+    return exchanged, fits, without
 
 
 def only_parts(walked: Walked, fits: Sequence[FlightFit]) -> list[Key]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
 
 from models.effects import Effect
@@ -280,6 +280,27 @@ def _weigh_exchanges(sets: Sets, fit: Fit, account: Account) -> None:
             if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
                 for other in additions(sets, grown, 4):
                     sets.weigh([*grown.terms, other], grown)
+
+
+def with_aliases(walked: Walked) -> Walked:
+    """With every set weighed in which an alias stands in the place of an effect of the best; the best of these.
+
+    After effects were taken out the best is a set that the walk need not have had for one to exchange.
+    """
+    sets = Sets(walked.evidence, dict(walked.fits))
+    library = walked.evidence.library
+    best = walked.best
+    rivals = [best]
+    for term in best.of_effects:
+        less = sets.weigh(best.terms_without(term), best)
+        allowed = set(term.named.aliases) - set(walked.dropped)
+        instead: dict[Key, Term] = {}
+        for number in _candidates(library, less):
+            other = library.terms[number]
+            if other.name in allowed:
+                instead.setdefault(other.key, other)
+        rivals += [_with(sets, less, other) for other in instead.values()]
+    return replace(walked, fits=sets.fits, best=canonical(rivals))
 
 
 def _grown(sets: Sets, fit: Fit, most: int) -> list[Fit]:
