@@ -298,6 +298,18 @@ def test_where_an_effect_is_taken_out_a_likelier_alias_takes_the_place_of_what_i
     assert less.best.effects == {left}
 
 
+def test_what_only_fits_beside_an_effect_goes_with_it() -> None:
+    """Beside a curve of the thrust an inflow helped, without it a wind alone was likelier by hundreds of nats."""
+    walked = weighed(
+        (0.9, ("wind", "vertical_inflow", "thrust_curve")),
+        (0.099, ("wind",)),
+        (1e-4, ("rotor_drag", "vertical_inflow")),
+        (1e-5, ("wind", "vertical_inflow")),
+    )
+    less = walked.without([("thrust_curve", None, None)], "it does harm")
+    assert less.best.effects == {"wind"}
+
+
 def test_members_of_a_class_have_the_probability_of_the_sets_that_hold_them() -> None:
     walked = weighed(
         (0.6, ("wind",)),

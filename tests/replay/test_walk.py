@@ -18,7 +18,7 @@ from replay.search.evidence import Evidence
 from replay.search.library import Library
 from replay.search.posterior import Sets, Walked
 from replay.search.thresholds import HOPELESS
-from replay.search.walk import LONG_S, MOST_WORK, additions, walk
+from replay.search.walk import LONG_S, MOST_WORK, additions, walk, with_aliases
 
 EFFECTS = ("imu_bias", "rotor_drag")
 
@@ -87,6 +87,18 @@ def test_a_set_less_one_term_is_weighed_anew_and_what_is_likelier_is_gone(walked
     cut = less.at_most(less.best)
     assert max(fit.score for fit in cut.fits.values()) == less.best.score
     assert walked.best.key not in cut.fits
+
+
+def test_aliases_of_the_best_set_are_weighed_in_its_place_but_for_what_was_taken_out() -> None:
+    """A scale of the thrust was named alone where a load was as likely: no set with it had been weighed."""
+    whole = walk([biased()], some("imu_bias", "wind"))
+    without_wind = {key: fit for key, fit in whole.fits.items() if "wind" not in names(fit)}
+    cut = replace(whole, fits=without_wind)
+    again = with_aliases(cut)
+    assert {"wind"} in [names(fit) for fit in again.fits.values()]
+    assert again.best.key == whole.best.key
+    taken_out = with_aliases(replace(cut, dropped={"wind": "it does harm"}))
+    assert not any("wind" in names(fit) for fit in taken_out.fits.values())
 
 
 def test_why_an_effect_is_not_named_is_said(walked: Walked) -> None:
