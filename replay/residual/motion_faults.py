@@ -31,8 +31,8 @@ DERIVED_OVER_S = (0.5, 5.0)
 DERIVED_M_S2 = 0.003
 DERIVED_SHARE = 0.2
 """Times over which accelerometer and derivative of the velocity are compared; spread of their difference over the
-longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured. Where
-the shorter is below the first of both, rounding is what differs, which averages out more slowly (a third)."""
+longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured.
+Where the shorter is below the first of both, rounding is what differs, which averages out more slowly (a third)."""
 UPSIDE_DOWN = 0.3
 OVER_S = 0.3
 OVER_SHARE = 0.3
