@@ -24,7 +24,7 @@ from replay.search.library import Library
 from replay.search.regimes import by_regime, long_regimes
 from replay.search.remainder import Outside, outside
 from replay.search.terms import Key, Term
-from replay.search.thresholds import CARRIES, CONFIRM_SHARE, SMALL
+from replay.search.thresholds import CARRIES, CONFIRM_SHARE, SMALL, USUAL
 
 BLOCK_S = 1.5
 MOST_BLOCKS = 400
@@ -67,7 +67,7 @@ class FlightFit:
     rest: Array
     """With every effect and its model-form error, and the trims, fitted on all time."""
     beside: Array
-    """Free curves and trims."""
+    """Free curves, and trims as large as usual."""
     carriers: tuple[CarryingChannel, ...] = ()
     """Channels that carry what is left: the free curves of the set, the largest first."""
     confirms: frozenset[Key] = frozenset()
@@ -181,9 +181,11 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
         beside=np.zeros_like(rest),
     )
     carriers, curves = _curves(library, best, fit)
-    first_trim = len(best.b) - len(library.trim)
-    trim = library.trim_wrench(f, best.b[first_trim:])
-    return replace(fit, rest=rest - trim, beside=curves + trim, carriers=carriers)
+    trims = best.b[len(best.b) - len(library.trim) :]
+    trim = library.trim_wrench(f, trims)
+    # What is larger than a vehicle's usual trim acts, and has no name.
+    usual_trim = library.trim_wrench(f, np.clip(trims, -USUAL, USUAL))
+    return replace(fit, rest=rest - trim, beside=curves + usual_trim, carriers=carriers)
 
 
 def _acting(record: Record, term: Term, x: Array, *, sizes: Array, of_folds: Array) -> Acting:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import biased
 from noise_records import coloured, noise_record
 from patience import HANG_S
 from regression import kernels
@@ -896,6 +897,17 @@ def test_what_is_left_beside_a_surface_only_is_not_explained(quiet: Record) -> N
     left = {o.regime: o for o in outside(quiet, pushed)}
     assert {o.axis for o in left.values()} == {"Fx"}
     assert left["low"].rms == pytest.approx(0.01 * context.weight, rel=0.2)
+
+
+def test_a_steady_push_that_no_effect_makes_is_not_explained() -> None:
+    """A trim took 4.8 % of the weight of a hexarotor, and nothing said that it was there."""
+    record = biased(bias=0.3)
+    answer = conclude([record], effects=some("rotor_drag"))
+    assert answer.verdict == "unexplained"
+    (left,) = answer.traces[0].outside
+    assert left.axis == "Fx"
+    weak = conclude([biased(bias=0.1)], effects=some("rotor_drag"))
+    assert weak.verdict == "nothing_missing"
 
 
 def test_an_effect_that_makes_held_out_time_worse_is_not_named() -> None:
