@@ -166,7 +166,7 @@ def kept_words(effect: Effect, *, ended: bool = False) -> str:
             corrects = "corrects what this sensor reads"
         else:
             corrects = "corrects its logs"
-        return f"kept for this sensor: it {corrects}, and is not compensated in flight"
+        return f"kept for this sensor: it {corrects}"
     if effect.belongs_to is BelongsTo.PLACE:
         return "kept: it acts only where a range shows such a place"
     return "kept: it belongs to the vehicle" + (
