@@ -188,6 +188,30 @@ def rarely_logged(log: FlightLog) -> FlightLog:
     return replace(log, imus=(slower,), attitude=thin(log.attitude, 10))
 
 
+def test_a_moment_of_the_air_that_rocks_the_vehicle_is_no_exchange_of_fans():
+    """The rotors hold against it, a little late: slowly the vehicle turns the other way than they push.
+
+    Yaw is held beside it, so that with two fans exchanged they would push the way it turns.
+    """
+    rng = np.random.default_rng(5)
+    time_s = np.arange(4500) / 50.0
+    places = np.array([fan.position_m[:2] for fan in QUADROTOR.fans])
+    rocking = 0.3 * np.sin(2.0 * np.pi * 0.47 * time_s)
+    noise = 0.1 * rng.standard_normal((2, len(time_s)))
+    roll, pitch = (np.convolve(one, np.ones(5) / 5.0, "same") for one in noise)
+    held = roll - np.roll(rocking, 5)
+    turned = np.column_stack([held + rocking, pitch, 0.0 * time_s])
+    # The thrusts that make roll -y T and pitch x T, and those that make yaw alone.
+    arms = np.stack([-places[:, 1], places[:, 0]], axis=1)
+    of_yaw = np.array([1.0, 1.0, -1.0, -1.0])
+    thrust = np.column_stack([held, pitch]) @ np.linalg.pinv(arms)
+    thrust += 0.5 * turned[:, :1] * of_yaw
+    ctx = SimpleNamespace(vehicle=QUADROTOR, thrust=thrust, weight=30.0, lever=0.3)
+    gyro = np.cumsum(turned, axis=0) / 50.0
+    motion = SimpleNamespace(grid=SimpleNamespace(rate=50.0), gyro=gyro)
+    assert exchanged_fans(ctx, motion, np.ones(len(time_s), bool)) == []
+
+
 @pytest.mark.parametrize(
     ("rounded_m_s2", "offset_m_s2", "is_derived"),
     [(0.001, 0.0, True), (0.01, 0.0, True), (0.001, 0.02, False)],
