@@ -71,15 +71,16 @@ class Contributions:
         """Minimum unique contribution of the terms with these numbers: what no other term would take over.
 
         With b the coefficients and g those of a term's main coefficients and model-form errors, the posterior mean of
-        the others given that g are zero is b - S_bg S_gg^-1 g. They stay within ``USUAL`` standard deviations of their
-        prior.
+        the others given that g are zero is b - S_bg S_gg^-1 g. They stay within their bounds, and within ``USUAL``
+        standard deviations of their prior.
         """
         design = self.design
         centre = design.centre
         of_terms = np.arange(len(centre)) < design.edges[-1]
         usual = np.where(of_terms, USUAL, USUAL_TRIM)
-        low = np.minimum(self._b, centre - usual)
-        high = np.maximum(self._b, centre + usual)
+        least, most = self._bounds()
+        low = np.minimum(self._b, np.maximum(centre - usual, least))
+        high = np.maximum(self._b, np.minimum(centre + usual, most))
         lost = np.empty((len(numbers), len(centre)))
         for i, number in enumerate(numbers):
             term = design.terms[number]
@@ -92,6 +93,14 @@ class Contributions:
             others[gone] = 0.0
             lost[i] = self._b - others
         return design.times(lost)
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """The least and the most that every coefficient (k,) may be; a trim has no bounds."""
+        trims = np.full(len(self.design.library.trim), np.inf)
+        terms = self.design.terms
+        low = np.concatenate([*(t.low for t in terms), -trims])
+        high = np.concatenate([*(t.high for t in terms), trims])
+        return low, high
 
 
 def form_variance(u: Contributions) -> Array:
