@@ -28,6 +28,7 @@ from models.common.frames import Array
 from models.vehicle import Vector3, Vehicle
 from replay.flightlog import Beam, FlightLog, Series, direction_name
 from replay.residual.grid import Mask
+from replay.residual.standing_walls import square_to_walls
 
 _MEASURED = (RangeVerdict.OK, RangeVerdict.ABOVE_MAX)
 """Verdicts of a reading that says something."""
@@ -252,7 +253,7 @@ def distances(
     if ceilings:
         level = nearest_level([plane.distance_m for plane in ceilings])
         out["ceiling_m"] = fan_ceilings(vehicle, level, rotation)
-    seen = planes("wall", floor=floor)
+    seen = [square_to_walls(plane, position) for plane in planes("wall", floor=floor)]
     rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
     seen += [_carried(plane, t, position) for plane in rings]
     if seen:

@@ -1,0 +1,63 @@
+"""Walls stand still: the direction of a wall from all places at which a beam met it.
+
+One beam says how far a wall is along the beam, and flight has to take it for square to the beam. A log holds the whole
+flight: where the vehicle turned or passed along the wall, the places lie on a line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.estimation.range_geometry import PlaneDistance
+from models.common.frames import Array
+
+FEWEST = 30
+MOST = 400
+"""Places from which on a line is looked for, and how many at most are compared with each other."""
+NEAR_M = 1.0
+"""Places up to this far from one another are of one wall."""
+SPREAD_M = 0.1
+"""Standard deviation of places along a wall from which on it has a direction: two or three times the noise of a range."""
+STRAIGHT = 0.2
+"""Standard deviation across over that along, up to which places lie on a line: with four of them 6 degrees are known."""
+LEAST_COSINE = 0.5
+"""Of the angle between beam and normal: a beam that meets a wall more flatly returns nothing."""
+
+
+def square_to_walls(plane: PlaneDistance, position: Array) -> PlaneDistance:
+    """Distance and normal (n,) of the wall itself, of what a beam saw from ``position`` (n, 3), NED.
+
+    The line through the places near each one is that of least squares across it (principal axes: Pearson 1901, Phil.
+    Mag. 2, 559). As it was where they do not lie on a line.
+    """
+    beam = plane.normal_ned[:, :2]
+    places = position[:, :2] + plane.distance_m[:, None] * beam
+    seen = np.flatnonzero(np.isfinite(places).all(axis=1))
+    if len(seen) < FEWEST:
+        return plane
+    chosen = seen[:: -(-len(seen) // MOST)]
+    normals = _normals(places[chosen])
+    nearest = np.searchsorted(chosen, seen, side="right") - 1
+    normal = normals[nearest]
+    cosine = (normal * beam[seen]).sum(axis=1)
+    met = np.abs(cosine) >= LEAST_COSINE
+    rows = seen[met]
+    distance_m = plane.distance_m.copy()
+    normal_ned = plane.normal_ned.copy()
+    distance_m[rows] *= np.abs(cosine[met])
+    normal_ned[rows, :2] = normal[met] * np.sign(cosine[met])[:, None]
+    return PlaneDistance(distance_m, normal_ned)
+
+
+def _normals(places: Array) -> Array:
+    """Unit normal (m, 2) of the line through the places (m, 2) near each one; NaN where they lie on none."""
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    near = (apart < NEAR_M).astype(float)
+    near /= near.sum(axis=1, keepdims=True)
+    mean = near @ places
+    products = near @ (places[:, :, None] * places[:, None, :]).reshape(len(places), 4)
+    covariance = products.reshape(len(places), 2, 2) - mean[:, :, None] * mean[:, None, :]
+    variances, axes = np.linalg.eigh(covariance)
+    across, along = np.sqrt(np.maximum(variances, 0.0)).T
+    on_a_line = (along > SPREAD_M) & (across < STRAIGHT * along)
+    return np.where(on_a_line[:, None], axes[:, :, 0], np.nan)
