@@ -17,9 +17,9 @@ MOST = 400
 NEAR_M = 1.0
 """Places up to this far from one another are of one wall."""
 SPREAD_M = 0.1
-"""Standard deviation of places along a wall from which on it has a direction: two or three times the noise of a range."""
+"""Standard deviation of places along a wall from which on it has a direction: a few times the noise of a range."""
 STRAIGHT = 0.2
-"""Standard deviation across over that along, up to which places lie on a line: with four of them 6 degrees are known."""
+"""Standard deviation across over that along, up to which places lie on a line: four of them know it to 6 degrees."""
 LEAST_COSINE = 0.5
 """Of the angle between beam and normal: a beam that meets a wall more flatly returns nothing."""
 
@@ -30,16 +30,15 @@ def square_to_walls(plane: PlaneDistance, position: Array) -> PlaneDistance:
     The line through the places near each one is that of least squares across it (principal axes: Pearson 1901, Phil.
     Mag. 2, 559). As it was where they do not lie on a line.
     """
-    beam = plane.normal_ned[:, :2]
-    places = position[:, :2] + plane.distance_m[:, None] * beam
-    seen = np.flatnonzero(np.isfinite(places).all(axis=1))
+    seen = np.flatnonzero(np.isfinite(plane.distance_m) & np.isfinite(position).all(axis=1))
     if len(seen) < FEWEST:
         return plane
-    chosen = seen[:: -(-len(seen) // MOST)]
-    normals = _normals(places[chosen])
-    nearest = np.searchsorted(chosen, seen, side="right") - 1
-    normal = normals[nearest]
-    cosine = (normal * beam[seen]).sum(axis=1)
+    beam = plane.normal_ned[seen, :2]
+    places = position[seen, :2] + plane.distance_m[seen, None] * beam
+    chosen = np.arange(0, len(seen), -(-len(seen) // MOST))
+    latest = np.searchsorted(chosen, np.arange(len(seen)), side="right") - 1
+    normal = _normals(places[chosen])[latest]
+    cosine = (normal * beam).sum(axis=1)
     met = np.abs(cosine) >= LEAST_COSINE
     rows = seen[met]
     distance_m = plane.distance_m.copy()
