@@ -20,6 +20,9 @@ SPREAD_M = 0.1
 """Standard deviation of places along a wall from which on it has a direction: a few times the noise of a range."""
 STRAIGHT = 0.2
 """Standard deviation across over that along, up to which places lie on a line: four of them know it to 6 degrees."""
+SQUARE_RAD = 0.05
+"""Angle up to which a beam counts as square to the wall: heading and direction are known no better than to 3 degrees,
+and a vehicle that faces a wall mostly means to."""
 LEAST_COSINE = 0.5
 """Of the angle between beam and normal: a beam that meets a wall more flatly returns nothing."""
 
@@ -39,13 +42,25 @@ def square_to_walls(plane: PlaneDistance, position: Array) -> PlaneDistance:
     latest = np.searchsorted(chosen, np.arange(len(seen)), side="right") - 1
     normal = _normals(places[chosen])[latest]
     cosine = (normal * beam).sum(axis=1)
+    sine = beam[:, 0] * normal[:, 1] - beam[:, 1] * normal[:, 0]
+    # The normal of a line may point either way: that of the wall points on with the beam.
+    angle = np.arctan2(sine * np.sign(cosine), np.abs(cosine))
+    turn = np.sign(angle) * np.maximum(np.abs(angle) - SQUARE_RAD, 0.0)
     met = np.abs(cosine) >= LEAST_COSINE
     rows = seen[met]
     distance_m = plane.distance_m.copy()
     normal_ned = plane.normal_ned.copy()
-    distance_m[rows] *= np.abs(cosine[met])
-    normal_ned[rows, :2] = normal[met] * np.sign(cosine[met])[:, None]
+    distance_m[rows] *= np.cos(turn[met])
+    normal_ned[rows, :2] = _turned(beam[met], turn[met])
     return PlaneDistance(distance_m, normal_ned)
+
+
+def _turned(beam: Array, angle_rad: Array) -> Array:
+    """Level directions (m, 2), turned to the right by angles (m,)."""
+    north, east = beam.T
+    cosine = np.cos(angle_rad)
+    sine = np.sin(angle_rad)
+    return np.stack([north * cosine - east * sine, north * sine + east * cosine], axis=1)
 
 
 def _normals(places: Array) -> Array:
