@@ -63,7 +63,7 @@ class Walked:
     """What was not tried, because it would have taken too long."""
 
     def without(self, keys: Collection[Key], why: str) -> Walked:
-        """Sets without some terms. The best is what is left of the old one, or a part of it, or with aliases instead."""
+        """Sets without some terms. The best is what is left of the old one, a part of it, or with aliases instead."""
         sets = Sets(self.evidence, dict(self.fits))
         gone = [t for t in self.best.terms if t.key in keys]
         stand_ins = set[str]().union(*(t.named.aliases for t in gone))
