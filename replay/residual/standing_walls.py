@@ -23,8 +23,8 @@ STRAIGHT = 0.2
 SQUARE_RAD = 0.05
 """Angle up to which a beam counts as square to the wall: heading and direction are known no better than to 3 degrees,
 and a vehicle that faces a wall mostly means to."""
-LEAST_COSINE = 0.5
-"""Of the angle between beam and normal: a beam that meets a wall more flatly returns nothing."""
+FLATTEST_RAD = np.pi / 3.0
+"""Angle between beam and normal up to which a wall is met: one that is met more flatly returns nothing."""
 
 
 def square_to_walls(plane: PlaneDistance, position: Array) -> PlaneDistance:
@@ -41,26 +41,20 @@ def square_to_walls(plane: PlaneDistance, position: Array) -> PlaneDistance:
     chosen = np.arange(0, len(seen), -(-len(seen) // MOST))
     latest = np.searchsorted(chosen, np.arange(len(seen)), side="right") - 1
     normal = _normals(places[chosen])[latest]
-    cosine = (normal * beam).sum(axis=1)
-    sine = beam[:, 0] * normal[:, 1] - beam[:, 1] * normal[:, 0]
-    # The normal of a line may point either way: that of the wall points on with the beam.
-    angle = np.arctan2(sine * np.sign(cosine), np.abs(cosine))
+    bearing = np.arctan2(beam[:, 1], beam[:, 0])
+    of_normal = np.arctan2(normal[:, 1], normal[:, 0])
+    # The normal of a line may point either way: within a quarter turn of the beam.
+    angle = (of_normal - bearing + np.pi / 2.0) % np.pi - np.pi / 2.0
     turn = np.sign(angle) * np.maximum(np.abs(angle) - SQUARE_RAD, 0.0)
-    met = np.abs(cosine) >= LEAST_COSINE
+    met = np.abs(angle) <= FLATTEST_RAD
     rows = seen[met]
+    turned = bearing[met] + turn[met]
     distance_m = plane.distance_m.copy()
     normal_ned = plane.normal_ned.copy()
     distance_m[rows] *= np.cos(turn[met])
-    normal_ned[rows, :2] = _turned(beam[met], turn[met])
+    normal_ned[rows, 0] = np.cos(turned)
+    normal_ned[rows, 1] = np.sin(turned)
     return PlaneDistance(distance_m, normal_ned)
-
-
-def _turned(beam: Array, angle_rad: Array) -> Array:
-    """Level directions (m, 2), turned to the right by angles (m,)."""
-    north, east = beam.T
-    cosine = np.cos(angle_rad)
-    sine = np.sin(angle_rad)
-    return np.stack([north * cosine - east * sine, north * sine + east * cosine], axis=1)
 
 
 def _normals(places: Array) -> Array:
