@@ -12,6 +12,7 @@ from companion.estimation.position_trust import PositionReset
 from companion.estimation.range_doubt import Doubt, OldPlace, Sighting, doubt, jumped, remembered
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.vectors import plus
+from companion.estimation.wall_line import WallLine, met, square_to
 from companion.mavlink.range_beams import dot
 from companion.mavlink.samples import LocalPosition
 from models.common.frozen_copy import with_changes
@@ -45,6 +46,10 @@ class Reading(NamedTuple):
     normal_ned: Vector3
     """Unit vector towards that."""
     sigma_m: float = SIGMA_M
+    met_ned: Vector3 | None = None
+    """Where on a wall it ends, from the CG; None: not on a wall."""
+    single: bool = True
+    """Of one beam, which does not see how the wall runs."""
 
 
 def read(
@@ -72,7 +77,7 @@ def read(
         sensor=reading.sensor,
         heard_s=t_s,
         slant_m=slant,
-        plane_m=reading.distance_m,
+        met_ned=reading.met_ned,
         read=doubted,
         clear_since_s=clear_since_s,
     )
@@ -100,8 +105,9 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
     sigma = math.sqrt(reading.sigma_m**2 + (_SIGMA_SHARE * reading.slant_m) ** 2 + 0.01**2 / 12.0)
     track, outcome = measure(before, _TRACK, t_s, reading.distance_m, sigma, _DELAY_S)
+    line = _line(beam.line, reading, here, outcome)
     if outcome is Outcome.OUTLIER:
-        return with_changes(beam, track=track)
+        return with_changes(beam, track=track, line=line)
     old = beam.jumped_from
     if here is not None and old is not None:
         old = remembered(old, reading.distance_m, reading.normal_ned, here.position_ned)
@@ -111,7 +117,28 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
             old = jumped(place, reading.distance_m, near_m)
         else:
             old = None
-    return with_changes(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)
+    return with_changes(
+        beam, track=track, jumped_from=old, normal_ned=reading.normal_ned, line=line
+    )
+
+
+def _line(
+    known: WallLine | None, reading: Reading, here: Sighting | None, outcome: Outcome
+) -> WallLine | None:
+    """How the wall runs, after a reading."""
+    if reading.met_ned is None or here is None or not reading.single:
+        return known
+    place = plus(here.position_ned, reading.met_ned)
+    if known is None or known.seen_along(reading.beam_ned) is None:
+        return square_to(reading.beam_ned, place, reading.t_s)
+    if known.near(place):
+        return met(known, reading.beam_ned, place, reading.t_s)
+    if outcome is Outcome.RESTARTED:
+        return square_to(reading.beam_ned, place, reading.t_s)
+    if outcome is Outcome.OUTLIER:
+        return known
+    # The range is as before: the position leapt.
+    return known.through(place)
 
 
 def moved(beam: BeamTrack, sample: LocalPosition, reset: PositionReset | None) -> BeamTrack:
@@ -125,4 +152,7 @@ def moved(beam: BeamTrack, sample: LocalPosition, reset: PositionReset | None) -
     old = beam.jumped_from
     if old is not None:
         old = old._replace(position_ned=plus(old.position_ned, reset.by_ned))
-    return with_changes(beam, read=Doubt(beam.read.why, None, None), jumped_from=old)
+    line = beam.line
+    if line is not None:
+        line = line.shifted(reset.by_ned)
+    return with_changes(beam, read=Doubt(beam.read.why, None, None), jumped_from=old, line=line)

@@ -10,6 +10,7 @@ from companion.estimation.kalman import Track
 from companion.estimation.position_trust import PositionReset, PositionTrust
 from companion.estimation.range_doubt import UNREAD, Doubt, OldPlace
 from companion.estimation.velocity_bias import VelocityBias
+from companion.estimation.wall_line import WallLine
 from companion.mavlink.samples import Attitude, Battery, LocalPosition, Pressure, ServoOutput
 from models.common.frames import Rows
 from models.vehicle import Vector3, Vehicle
@@ -32,12 +33,14 @@ class BeamTrack:
     sensor: tuple[int, int] | None = None
     slant_m: float = math.nan
     """The newest reading, as sent."""
-    plane_m: float = math.nan
-    """The distance of the CG to the plane by that reading alone."""
+    met_ned: Vector3 | None = None
+    """Where on a wall it ended, from the CG; None: nowhere."""
     read: Doubt = UNREAD
     """What the next reading is compared with, and why the newest is not used."""
     jumped_from: OldPlace | None = None
     """While a jump of the range is not explained."""
+    line: WallLine | None = None
+    """Of a wall: how it runs."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,12 @@ from companion.estimation.range_doubt import UNREAD
 from companion.estimation.range_geometry import plane_distance_now
 from companion.estimation.ring_planes import placed, ring_view
 from companion.estimation.surfaces import surface
-from companion.estimation.vectors import turned
+from companion.estimation.vectors import plus, scaled, turned
+from companion.estimation.wall_line import WallLine
 from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import Range, RangeVerdict, Ring
 from models.common.frozen_copy import with_changes
-from models.vehicle import Vehicle
+from models.vehicle import Vector3, Vehicle
 
 _SAME_BEAM_COS = 0.98
 """Two beams within 11 degrees look the same way."""
@@ -70,7 +71,19 @@ def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Es
         normal_ned=normal,
         sigma_m=SIGMA_M if sample.sigma_m is None else sample.sigma_m,
     )
-    return read(estimates, index, estimates.beams[index], reading, config)
+    beam = estimates.beams[index]
+    if target == "wall" and math.isfinite(distance):
+        met_ned = plus(turned(rows, mount_m), scaled(beam_ned, slant))
+        reading = _square_to_wall(reading, met_ned, beam.line)
+    return read(estimates, index, beam, reading, config)
+
+
+def _square_to_wall(reading: Reading, met_ned: Vector3, line: WallLine | None) -> Reading:
+    """The reading as the distance square to the wall, as far as it is known how that runs."""
+    normal = None if line is None else line.seen_along(reading.beam_ned)
+    if normal is None:
+        normal = reading.normal_ned
+    return reading._replace(distance_m=dot(normal, met_ned), normal_ned=normal, met_ned=met_ned)
 
 
 def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
@@ -114,6 +127,16 @@ def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Est
         if not plane.same_wall(old.normal_ned):
             old = with_changes(old, track=None, read=UNREAD, jumped_from=None)
         normal = plane.normal_ned
-        reading = Reading(sample.t_s, sensor, plane.slant_m, normal, plane.distance_m, normal)
+        seen = math.isfinite(plane.distance_m)
+        reading = Reading(
+            t_s=sample.t_s,
+            sensor=sensor,
+            slant_m=plane.slant_m,
+            beam_ned=normal,
+            distance_m=plane.distance_m,
+            normal_ned=normal,
+            met_ned=scaled(normal, plane.distance_m) if seen else None,
+            single=False,
+        )
         estimates = read(estimates, k, old, reading, config)
     return estimates

@@ -48,8 +48,8 @@ class Surface(NamedTuple):
     """When it last jumped."""
     slant_m: float = math.nan
     """What the sensor itself last read."""
-    plane_m: float = math.nan
-    """The distance by that reading alone: no velocity leads it."""
+    met_ned: Vector3 | None = None
+    """Where on a wall that ended, from the CG: no velocity leads it."""
     heard_s: float = -math.inf
     """When it came."""
     jumped: bool = False
@@ -130,7 +130,7 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
             normal_ned=beam.normal_ned,
             stepped_s=track.restarted_s,
             slant_m=beam.slant_m,
-            plane_m=beam.plane_m,
+            met_ned=beam.met_ned,
             heard_s=beam.heard_s,
             jumped=beam.jumped_from is not None,
         )

@@ -65,8 +65,10 @@ class WallDrift(NamedTuple):
     """What the comparison has come to. ``apart_m`` above zero: the range grows, the position says otherwise."""
 
     t_s: float = -math.inf
+    met_ned: Vector3 | None = None
+    """Where the last reading ended, from the CG, carried on by the position."""
     range_m: float = math.nan
-    """The distance by the last reading, carried on by the position."""
+    """The distance by that."""
     read_m: float = math.nan
     """The last reading that counts."""
     outlier_m: float = math.nan
@@ -160,9 +162,11 @@ def compare_wall(
         return NO_WALL_DRIFT._replace(correction_ned=before.correction_ned)
     now = _sighted(before.correction_ned, wall, wall.normal_ned, position, felt)
     same = 0.0 < dt <= _NEXT_S and dot(now.normal_ned, before.normal_ned) > _SAME_COS
-    if not same or math.isnan(before.range_m):
+    if not same or before.met_ned is None:
         return now
-    now = _parted(before, now, dt, leapt=before.t_s < reset_s <= now.t_s)
+    met_ned = before.met_ned
+    before = _turned(before, met_ned, now.normal_ned)
+    now = _parted(before, met_ned, now, dt, leapt=before.t_s < reset_s <= now.t_s)
     if not now.drifts:
         off = _felt_m(now, felt) - 0.5 * (now.by_range[1] + now.by_position[1])
         if not math.isnan(before.felt_off_m):
@@ -176,10 +180,7 @@ def _sighted(
 ) -> WallDrift:
     """A wall seen for the first time."""
     # The track of the range is led by the velocity, which may be wrong: the reading itself counts.
-    if math.isfinite(wall.plane_m):
-        range_m = wall.plane_m
-    else:
-        range_m = math.nan
+    range_m = math.nan if wall.met_ned is None else dot(wall.met_ned, normal)
     velocity = dot(position.velocity_ned, normal)
     if abs(position.t_s - felt.t_s) <= _FELT_AGE_S:
         gained = felt.gained[0] * normal[0] + felt.gained[1] * normal[1]
@@ -187,6 +188,7 @@ def _sighted(
         gained = velocity
     return WallDrift(
         t_s=position.t_s,
+        met_ned=wall.met_ned,
         range_m=range_m,
         read_m=range_m,
         heard_s=wall.heard_s,
@@ -198,8 +200,26 @@ def _sighted(
     )
 
 
-def _parted(before: WallDrift, now: WallDrift, dt: float, *, leapt: bool) -> WallDrift:
-    """How far both have come apart; ``leapt``: the position was set anew, and that is known."""
+def _turned(before: WallDrift, met_ned: Vector3, normal: Vector3) -> WallDrift:
+    """The same with ``met_ned`` on a wall that is now known to run square to ``normal``: nothing moved by that."""
+    range_m = dot(met_ned, normal)
+    nearer_m = before.range_m - range_m
+    place_m, rate = before.seen
+    return before._replace(
+        range_m=range_m,
+        read_m=before.read_m - nearer_m,
+        outlier_m=before.outlier_m - nearer_m,
+        seen=(place_m + nearer_m, rate),
+    )
+
+
+def _parted(
+    before: WallDrift, met_ned: Vector3, now: WallDrift, dt: float, *, leapt: bool
+) -> WallDrift:
+    """How far both have come apart since a reading that ended at ``met_ned``.
+
+    ``leapt``: the position was set anew, and that is known.
+    """
     normal = now.normal_ned
     moved = minus(now.position_ned, before.position_ned)
     toward = dot(moved, normal)
@@ -212,7 +232,6 @@ def _parted(before: WallDrift, now: WallDrift, dt: float, *, leapt: bool) -> Wal
     reading = now.range_m
     # Too near, no echo, nothing new, or perhaps an outlier: the position carries the range on.
     closed = toward
-    carried = before.range_m - toward
     if math.isnan(reading) or now.heard_s == before.heard_s:
         counts = False
         now = now._replace(read_m=before.read_m, outlier_m=before.outlier_m)
@@ -229,7 +248,11 @@ def _parted(before: WallDrift, now: WallDrift, dt: float, *, leapt: bool) -> Wal
         place = -reading
     else:
         place = math.nan
-        now = now._replace(range_m=carried, way_m=way)
+        now = now._replace(
+            met_ned=minus(met_ned, scaled(normal, toward)),
+            range_m=before.range_m - toward,
+            way_m=way,
+        )
     kept = max(1.0 - dt / _T_S, 0.0)
     apart = before.apart_m * kept + toward - closed
     travel = (before.travel_m[0] * kept + along[0], before.travel_m[1] * kept + along[1])

@@ -50,6 +50,8 @@ class CompareSettings:
     """Where the leg with offsets off is recorded."""
     estimator: type[Estimator] = Estimator
     """Where the autopilot's belief of itself comes from."""
+    turned_deg: float = 0.0
+    """From the beam of the wall's rangefinder to the wall's normal: 0 where the vehicle faces the wall."""
 
     @property
     def legs(self) -> tuple[Leg, ...]:
@@ -78,7 +80,12 @@ def fly(settings: CompareSettings, leg: Leg, seed: int) -> Flown:
     """Fly one leg in lockstep and judge it: the same numbers on every machine, however busy."""
     vehicle = settings.flown_vehicle
     several = settings.approaches > 1
-    once = build(settings.scenario, vehicle, air=leg is not Leg.FREE)
+    once = build(
+        settings.scenario,
+        vehicle,
+        air=leg is not Leg.FREE,
+        turned_rad=math.radians(settings.turned_deg),
+    )
     config = None
     if leg is not Leg.AUTOPILOT:
         if leg is Leg.ADAPTED:

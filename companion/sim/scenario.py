@@ -166,10 +166,14 @@ def lip_reach(vehicle: Vehicle, azimuth: float) -> float:
     return max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
 
 
-def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
-    """The scenario ``name`` for a vehicle. ``air`` False: same obstacles, nothing of ground or wall in the air."""
+def build(name: str, vehicle: Vehicle, *, air: bool = True, turned_rad: float = 0.0) -> Scenario:
+    """The scenario ``name`` for a vehicle.
+
+    ``air`` False: same obstacles, nothing of ground or wall in the air. ``turned_rad``: from the beam of its wall
+    rangefinder to the wall's normal, to the right.
+    """
     r = vehicle.rotor_radius_m
-    azimuth = wall_azimuth(vehicle)
+    azimuth = wall_azimuth(vehicle) + turned_rad
     # Where the fans are above the CG, it flies lower.
     offset = max(0.0, -min(fan.position_m[2] for fan in vehicle.fans))
     wall = START_GAP_M + lip_reach(vehicle, azimuth)

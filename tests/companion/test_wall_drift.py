@@ -53,7 +53,7 @@ def flown(
             seen=Seen.SURFACE,
             distance_m=reading,
             normal_ned=EAST,
-            plane_m=plane,
+            met_ned=None if math.isnan(plane) else (0.0, plane, 0.0),
             heard_s=heard,
         )
         sample = LocalPosition(10.0 + t, 1, 1, (*believed, -1.0), (0.0, 0.0, 0.0))
@@ -166,7 +166,7 @@ def test_a_quick_departure_with_ranges_ten_times_a_second_is_no_drift():
 def test_without_an_accelerometer_a_frozen_range_drives_the_vehicle_off_by_half_a_metre_at_most():
     """The vehicle leaves the wall, the range repeats itself: nothing tells which of them is wrong."""
     state = NO_WALL_DRIFT
-    surface = Surface(seen=Seen.SURFACE, distance_m=0.5, normal_ned=EAST, plane_m=0.5)
+    surface = Surface(seen=Seen.SURFACE, distance_m=0.5, normal_ned=EAST, met_ned=(0.0, 0.5, 0.0))
     for k in range(250):
         t = 10.0 + k / 25.0
         sent = LocalPosition(t, 1, 1, (0.0, -0.2 * (t - 10.0), -1.0), (0.0, -0.2, 0.0))
@@ -181,7 +181,7 @@ def test_without_an_accelerometer_a_frozen_range_drives_the_vehicle_off_by_half_
 def test_what_came_apart_is_taken_back_once_although_the_range_was_blamed_in_between():
     """The vehicle rests, its position drifts by 0.4 m. What is felt blames nobody, then the range."""
     state = NO_WALL_DRIFT
-    surface = Surface(seen=Seen.SURFACE, distance_m=0.8, normal_ned=EAST, plane_m=0.8)
+    surface = Surface(seen=Seen.SURFACE, distance_m=0.8, normal_ned=EAST, met_ned=(0.0, 0.8, 0.0))
     blamed = []
     for k in range(200):
         t = 10.0 + k / 25.0

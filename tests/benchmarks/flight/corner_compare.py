@@ -63,6 +63,13 @@ def main() -> int:
     p.add_argument(
         "--vision", action="store_true", help="no GPS: a position from visual odometry that drifts"
     )
+    p.add_argument(
+        "--turned",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="the wall's normal is so far off the beam",
+    )
     p.add_argument("--workers", type=int, help="flights at a time (default: one a core)")
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     p.add_argument(
@@ -77,6 +84,7 @@ def main() -> int:
         model=a.model,
         adapt=a.adapt,
         estimator=VisionEstimator if a.vision else Estimator,
+        turned_deg=a.turned,
     )
     try:
         seeds = range(a.first, a.first + a.seeds)
