@@ -9,8 +9,9 @@ The rules:
 
 - Ground and ceiling are level. Beams that look at the same one confirm each other: the nearest is taken, and one that
   tells nothing does not matter while another sees the surface.
-- A wall is upright and faces its beam. The nearest wall is the model's; the nearest of those at another bearing is the
-  second wall. While any declared wall beam tells nothing, no wall distance is known: it may look at the nearest wall.
+- A wall is upright, and faces its beam where nothing says how it runs (``wall_line``). The nearest wall is the model's;
+  the nearest of those at another bearing is the second wall. While any declared wall beam tells nothing, no wall
+  distance is known: it may look at the nearest wall.
 - A wall beam that meets the ground first tells nothing, unless it got so far that a wall behind it does not matter.
 """
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 import os
 import select
 import signal
@@ -188,6 +189,8 @@ class Rig:
         self.texts: list[str] = []
         self.estimates: list[tuple[float, float, float, float]] = []
         """Boot time [s] and place NED [m], as the autopilot believes."""
+        self.heading_deg: float | None = None
+        """Of all places that the companion is asked for; None: whichever it has."""
 
     def __enter__(self) -> Rig:
         try:
@@ -396,11 +399,14 @@ class Rig:
         velocity: tuple[float, float, float] | None = None,
     ) -> None:
         """One place for the companion, north, east and up; with a velocity it is one that moves."""
-        mask = (0x38 if velocity is None else 0) | 0x1C0 | 0x400 | 0x800
+        mask = (0x38 if velocity is None else 0) | 0x1C0 | 0x800
+        if self.heading_deg is None:
+            mask |= 0x400
+        yaw = math.radians(self.heading_deg or 0.0)
         vn, ve, up = velocity or (0.0, 0.0, 0.0)
         with self._lock:
             self._link.mav.set_position_target_local_ned_send(
-                0, 1, 191, 1, mask, north, east, -height, vn, ve, -up, 0, 0, 0, 0, 0
+                0, 1, 191, 1, mask, north, east, -height, vn, ve, -up, 0, 0, 0, yaw, 0
             )
 
     def lose_gps(self) -> None:

@@ -67,6 +67,8 @@ DEFAULT, OFF, AMENDED = "default", "off", "amended"
 FLIGHT_TIMEOUT_S = 900.0
 GOALS_PERCENT = {"ground": 0.0, "wall": 75.0, "corner": 60.0}
 WORST_PERCENT = -5.0
+TURNED_DEG = -30.0
+"""Heading at which the wall is to the right of the beam."""
 LEAST_PUSH_DEG = 0.1
 """A smaller push tilts the vehicle by less than the estimator's own error."""
 
@@ -82,6 +84,8 @@ class Case:
     position_hz: float = 0.0
     mass_times: float = 1.0
     set_in_flight: tuple[str, float] | None = None
+    heading_deg: float | None = None
+    """The wall is in the north, where the beam looks at heading 0."""
 
 
 def _air_cases() -> dict[str, Case]:
@@ -90,6 +94,8 @@ def _air_cases() -> dict[str, Case]:
     for air in ("rough", "strong corner"):
         for companion in (OFF, DEFAULT, AMENDED):
             cases[f"{air}, {companion}"] = Case(air=air, companion=companion)
+    for companion in (OFF, DEFAULT):
+        cases[f"turned wall, {companion}"] = Case(companion=companion, heading_deg=TURNED_DEG)
     return cases
 
 
@@ -103,6 +109,13 @@ WRONG_CASES = {
     "position drifts to the wall": Case(wrong=Wrong(position_drift_m_s=(0.1, 0.0, 0.0))),
     "position freezes": Case(wrong=Wrong(position_frozen=True)),
     "position turns by 25 degrees": Case(wrong=Wrong(position_turned_deg=25.0)),
+    "at a turned wall, nothing": Case(wrong=NOTHING_WRONG, heading_deg=TURNED_DEG),
+    "at a turned wall, position steps 0.5 m from it": Case(
+        wrong=Wrong(position_off_m=(-0.5, 0.0, 0.0)), heading_deg=TURNED_DEG
+    ),
+    "at a turned wall, position drifts from it": Case(
+        wrong=Wrong(position_drift_m_s=(-0.1, 0.0, 0.0)), heading_deg=TURNED_DEG
+    ),
     "wall range 0.4 m more": Case(wrong=Wrong(wall_range_off_m=0.4)),
     "wall range 0.4 m less": Case(wrong=Wrong(wall_range_off_m=-0.4)),
     "wall range drifts to more": Case(wrong=Wrong(wall_range_drift_m_s=0.1)),
@@ -177,7 +190,7 @@ def truth_table(path: Path) -> Any:
 def sent_pitch(
     record: Path, case: Case, model: Path | None, file: Path = QUAD
 ) -> tuple[Array, Array]:
-    """Boot times [s] and pitch of the offset [rad] of the recording, decided again."""
+    """Boot times [s] and tilt to the south of the offset [rad] of the recording, decided again."""
     vehicle = load_vehicle(file)
     name = str(model) if case.companion == AMENDED else NONE
     config = PipelineConfig(
@@ -186,11 +199,13 @@ def sent_pitch(
         offsets=case.companion != OFF,
         adapt=Adapt.FULL,
     )
+    heading = math.radians(case.heading_deg or 0.0)
     times = []
     pitch = []
     for decision in decisions(record, config):
         times.append(decision.t_s)
-        pitch.append(decision.offset.pitch)
+        offset = decision.offset
+        pitch.append(offset.pitch * math.cos(heading) + offset.roll * math.sin(heading))
     return np.array(times), np.array(pitch)
 
 
@@ -281,6 +296,7 @@ def fly(
         pilot = Pilot(rig)
         try:
             rig.take_off()
+            rig.heading_deg = case.heading_deg
             start = time.monotonic(), rig.true_time_s
             if kind == "air":
                 fly_air(pilot)
@@ -399,7 +415,7 @@ def air_rows(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
     rows = []
     free = of("free")
-    for air in ("rough", "strong corner"):
+    for air in ("rough", "strong corner", "turned wall"):
         off = of(f"{air}, {OFF}")
         for companion in (DEFAULT, AMENDED):
             flown = of(f"{air}, {companion}")
