@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.mavlink.range_beams import dot
 from models.vehicle import Vector3
 
 _PLACE_M = 0.03
@@ -32,7 +31,7 @@ _SLOPE = 0.3
 """Standard deviation of the slope before any place says it: pilots face a wall within 17 degrees, mostly."""
 _NEAR_M = 0.25
 """Two readings of one wall are no further apart across it. Else a position leapt, or it is another wall."""
-_MOST_COS = math.cos(math.radians(60.0))
+_MOST_RAD = math.radians(60.0)
 """A beam that meets a wall more flatly returns nothing: such a direction is not believed."""
 
 
@@ -50,11 +49,18 @@ class WallLine(NamedTuple):
     slope_variance: float = _SLOPE**2
 
     def seen_along(self, beam_ned: Vector3) -> Vector3 | None:
-        """Level unit vector towards the wall; None where the beam could not have met such a wall."""
-        normal = (math.cos(self.bearing_rad), math.sin(self.bearing_rad), 0.0)
-        if dot(normal, beam_ned) < _MOST_COS:
+        """Level unit vector towards the wall; None where the beam could not have met such a wall.
+
+        Of an angle to the beam that is no larger than its standard deviation little is believed: its share
+        angle^2 / (angle^2 + sd^2) makes the expected square of the error least (Wiener).
+        """
+        beam_rad = math.atan2(beam_ned[1], beam_ned[0])
+        angle = math.remainder(self.bearing_rad - beam_rad, math.tau)
+        if abs(angle) > _MOST_RAD:
             return None
-        return normal
+        square = angle * angle
+        turned = beam_rad + angle * square / (square + self.slope_variance)
+        return (math.cos(turned), math.sin(turned), 0.0)
 
     def near(self, place_ned: Vector3) -> bool:
         """Whether a place may be on this wall."""
