@@ -15,7 +15,7 @@ the likelihood has the power ``TRUST`` (Miller & Dunson 2019, JASA 114, 1113).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -216,6 +216,21 @@ class Evidence:
         design = self._design(tuple(terms))
         mean, cov = self._posterior(design, noise, left_out)
         return Fit(terms=design.terms, b=mean, cov=cov, noise=noise)
+
+    @staticmethod
+    def held_at_bounds(fit: Fit) -> Fit | None:
+        """A fit with every coefficient that is beyond a bound held there; None where none is.
+
+        The others are N(m, S) given those: m_o - S_ob S_bb^-1 (m_b - bound), S_oo - S_ob S_bb^-1 S_bo.
+        """
+        low = np.concatenate([t.low for t in fit.terms] or [np.empty(0)])
+        high = np.concatenate([t.high for t in fit.terms] or [np.empty(0)])
+        beyond = fit.b[: len(low)] - np.clip(fit.b[: len(low)], low, high)
+        held = np.flatnonzero(beyond)
+        if not held.size:
+            return None
+        gain = np.linalg.solve(fit.cov[np.ix_(held, held)], fit.cov[held])
+        return replace(fit, b=fit.b - beyond[held] @ gain, cov=fit.cov - fit.cov[:, held] @ gain)
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).

@@ -130,18 +130,21 @@ def _larger(sets: Sets, fit: Fit, account: Account) -> Iterator[Fit]:
 
 
 def additions(sets: Sets, fit: Fit, most: int) -> list[Term]:
-    """The best shapes of what might be added, beside the set's own noise and beside quiet noise.
+    """The best shapes of what might be added, beside the set's own noise, beside quiet noise, and within its bounds.
 
-    What is certain but far too small for a name would stand in the way of what is larger.
+    What is certain but far too small for a name would stand in the way of what is larger. What a coefficient
+    explains beyond its bounds is another effect's.
     """
     evidence = sets.evidence
     candidates = _candidates(evidence.library, fit)
+    views = [fit]
+    if evidence.noises.quiet != fit.noise:
+        views.append(evidence.refit(fit.terms, evidence.noises.quiet))
+    within = evidence.held_at_bounds(fit)
+    if within is not None:
+        views.append(within)
     out: list[Term] = []
-    for noise in dict.fromkeys((fit.noise, evidence.noises.quiet)):
-        if noise is fit.noise:
-            near = fit
-        else:
-            near = evidence.refit(fit.terms, noise)
+    for near in views:
         promising = evidence.promising(near, candidates)
         likely = (term for odds, term in promising if odds > WORTH_A_LOOK)
         large = (term for term in likely if evidence.stands_out(near, term) >= HOPELESS)
