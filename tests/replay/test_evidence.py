@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,3 +100,26 @@ def test_the_prior_is_the_effects_chance_spread_over_its_shapes(evidence: Eviden
 def test_a_set_that_was_fitted_is_not_fitted_again(evidence: Evidence, noise: Noise) -> None:
     terms = [term(evidence, "imu_bias")]
     assert evidence.fit(terms, noise) is evidence.fit(list(terms), noise)
+
+
+def test_what_is_beyond_its_bounds_is_held_there_and_the_others_follow() -> None:
+    """With P = S^-1 the others are m_o - P_oo^-1 P_ob (bound - m_b), and as sure as P_oo^-1."""
+    evidence = Evidence(Library([biased()], some("imu_bias", "wind", "rotor_drag")))
+    fit = evidence.fit([term(evidence, "wind")], evidence.noises.unfitted)
+    (wind,) = fit.terms
+    of_wind = len(wind.low)
+    within = np.clip(fit.b[:of_wind], wind.low, wind.high)
+    inside = replace(fit, b=np.concatenate([within, fit.b[of_wind:]]))
+    assert evidence.held_at_bounds(inside) is None
+    beyond = inside.b.copy()
+    beyond[0] = wind.high[0] + 3.0
+    held = evidence.held_at_bounds(replace(fit, b=beyond))
+    assert held is not None
+    assert held.b[0] == pytest.approx(wind.high[0])
+    precision = np.linalg.inv(fit.cov)
+    shift = np.linalg.solve(precision[1:, 1:], precision[1:, 0] * -3.0)
+    np.testing.assert_allclose(held.b[1:], beyond[1:] - shift, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(held.cov[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        held.cov[1:, 1:], np.linalg.inv(precision[1:, 1:]), rtol=1e-5, atol=1e-9
+    )

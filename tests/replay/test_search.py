@@ -899,13 +899,17 @@ def test_what_is_left_beside_a_surface_only_is_not_explained(quiet: Record) -> N
     assert left["low"].rms == pytest.approx(0.01 * context.weight, rel=0.2)
 
 
-@pytest.mark.parametrize("load_kg", [0.2, 0.3])
+@pytest.mark.parametrize("load_kg", [0.15, 0.2, 0.3])
 def test_a_load_in_wind_is_named_as_wind_never_pushes_down(quiet: Record, load_kg: float) -> None:
     """The lift that wind gives could take over a load, were it below zero: the load was too small for a name."""
     windy = added(quiet, "wind", (0.0,), 2.0, 1.5, 0.7, 0.0, 0.3, 0.02)
     loaded = added(windy, "payload", (0.0, 0.0), load_kg)
     answer = search(loaded, some("wind", "payload", "rotor_drag"))
     assert names(answer) == {"wind", "payload"}
+    answer = search(
+        loaded, some("wind", "payload", "rotor_drag", "thrust_scale", "vertical_inflow")
+    )
+    assert names(answer) in ({"wind", "payload"}, {"wind", "thrust_scale"})
 
 
 def test_a_steady_push_that_no_effect_makes_is_not_explained() -> None:
