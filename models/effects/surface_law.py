@@ -38,6 +38,8 @@ GAIN_SD = 1.0
 """The same of a gain on what the declared model says of lift, pull and tilt: it may be wrong by its own size."""
 CHANCE = 2e-4
 """That of a free curve: what can bend to anything comes after every law that has a form."""
+LEAST_SAID = 1e-3
+"""Share of the thrust: no flight tells less, so no sentence does."""
 SEEN_S = 0.5
 """Time at a place after which it counts as seen [s]: one period of what is judged."""
 
@@ -126,13 +128,18 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
     if np.isfinite(h):
         was, found = at("lift", h, np.inf)
-        parts.append(
-            f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the model "
-            f"{more(was)}"
-        )
+        if abs(found - was) >= LEAST_SAID:
+            parts.append(
+                f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the "
+                f"model {more(was)}"
+            )
     if np.isfinite(d):
         was, found = at("pull", np.inf, d)
-        parts.append(f"at {d:.2f} m the wall {pull_words(found)}, by the model {100.0 * was:.2g} %")
+        if abs(found - was) >= LEAST_SAID:
+            by_model = f"by the model {100.0 * was:.2g} %"
+            parts.append(f"at {d:.2f} m the wall {pull_words(found)}, {by_model}")
+    if not parts:
+        return "where it came nearest, lift and pull are the model's to 0.1 % of the thrust"
     return "; ".join(parts)
 
 

@@ -118,3 +118,25 @@ def test_the_columns_that_diagnosis_fits_are_what_the_amended_model_answers() ->
     alone = [bare.wrench(state.h_m[:, i], state.d_m[:, i], 4000.0) for i in range(2)]
     force = sum(corner_to_body(a - b, bearing)[:, :3] for a, b in zip(fans, alone, strict=True))
     assert fitted[:, :3] == pytest.approx(force, abs=1e-9)
+
+
+def _said(height_m: float, gap_m: float, lift: float) -> str:
+    """The map's sentence of a flight at one place."""
+    vehicle = default_vehicle()
+    state = blank_state((10,), len(vehicle.fans), len(vehicle.rotors))
+    state = replace(
+        state,
+        h_m=np.full_like(state.h_m, height_m),
+        d_m=np.full_like(state.d_m, gap_m),
+        rpm=np.full_like(state.rpm, 4000.0),
+    )
+    ctx = Context(state=state, vehicle=vehicle, model=models.load())
+    words = get("surface_law").shown.in_words
+    assert words is not None
+    return words(ctx, _law(lift=lift).parameters)
+
+
+def test_the_words_of_a_map_tell_only_what_differs_from_the_model() -> None:
+    assert "a fan lifts" in _said(0.2, math.inf, lift=0.03)
+    assert _said(0.2, 0.2, lift=0.0002).endswith("are the model's to 0.1 % of the thrust")
+    assert "wall" not in _said(0.2, 0.3, lift=0.03)
