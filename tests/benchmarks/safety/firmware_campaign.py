@@ -51,10 +51,11 @@ from wrong_sensors import NOTHING_WRONG, Range, Wrong
 
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
+from companion.sim.scenario import lip_reach
 from companion.vehicles import QUAD
 from models.choice import NONE, choose
 from models.common.frames import GRAVITY, Array
-from models.vehicle import load_vehicle
+from models.vehicle import Vehicle, load_vehicle
 
 BENCHMARKS = Path(__file__).resolve().parents[1]
 LOW_M = 0.2
@@ -242,15 +243,23 @@ def air_figures(
     return found
 
 
-def wrong_figures(truth: dict[str, Array], marks: dict[str, float]) -> dict[str, float]:
-    """How far the vehicle went, and how long it touched something."""
+def lip_nearer_m(vehicle: Vehicle, heading_deg: float | None) -> float:
+    """How much further the foremost lip stands out to the north than at heading 0."""
+    azimuth = -math.radians(heading_deg or 0.0)
+    return lip_reach(vehicle, azimuth) - lip_reach(vehicle, 0.0)
+
+
+def wrong_figures(
+    truth: dict[str, Array], marks: dict[str, float], nearer_m: float
+) -> dict[str, float]:
+    """How far the vehicle went, and how long it touched something; ``nearer_m``: of the lip by the heading."""
     t = truth["time_s"]
     before = (t > marks["wrong"] - 2.0) & (t <= marks["wrong"])
     during = (t > marks["wrong"]) & (t <= marks["right again"])
     engaged = (t > marks["at the wall"] - 10.0) & (t <= marks["right again"])
     start = [float(np.median(truth[c][before])) for c in ("n", "e", "d")]
     north, east, down = (truth[c][during] - s for c, s in zip(("n", "e", "d"), start, strict=True))
-    lip_m = WALL_NORTH_M + 0.3 - truth["n"][during]
+    lip_m = WALL_NORTH_M + 0.3 - truth["n"][during] - nearer_m
     return {
         "towards the wall m": float(np.max(north)),
         "off m": float(np.max(np.sqrt(north**2 + east**2 + down**2))),
@@ -312,7 +321,8 @@ def fly(
         weight = load_vehicle(vehicle).mass_kg * GRAVITY
         figures = air_figures(truth, pilot, sent, weight)
     else:
-        figures = wrong_figures(truth, pilot.marks)
+        nearer_m = lip_nearer_m(load_vehicle(vehicle), case.heading_deg)
+        figures = wrong_figures(truth, pilot.marks, nearer_m)
     return out | {"figures": figures, "marks": pilot.marks, "texts": rig.texts}
 
 
