@@ -45,6 +45,8 @@ class Reading(NamedTuple):
     """Of the CG to the plane that is seen."""
     normal_ned: Vector3
     """Unit vector towards that."""
+    facing_ned: Vector3
+    """The same as a vehicle sees it that knows nothing of how a wall runs."""
     sigma_m: float = SIGMA_M
     met_ned: Vector3 | None = None
     """Where on a wall it ends, from the CG; None: not on a wall."""
@@ -110,9 +112,17 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
         return with_changes(beam, track=track, line=line)
     old = beam.jumped_from
     if here is not None and old is not None:
-        old = remembered(old, reading.distance_m, reading.normal_ned, here.position_ned)
+        distance_m = reading.distance_m
+        if reading.met_ned is not None:
+            distance_m = dot(reading.met_ned, old.normal_ned)
+        old = remembered(old, distance_m, reading.facing_ned, here.position_ned)
     elif here is not None and before is not None and outcome is Outcome.RESTARTED:
-        place = OldPlace(predict(before, _TRACK, t_s).value, reading.normal_ned, here.position_ned)
+        place = OldPlace(
+            distance_m=predict(before, _TRACK, t_s).value,
+            normal_ned=reading.normal_ned,
+            facing_ned=reading.facing_ned,
+            position_ned=here.position_ned,
+        )
         if before.age(t_s) <= _JUMPS_WITHIN_S:
             old = jumped(place, reading.distance_m, near_m)
         else:

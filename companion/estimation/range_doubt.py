@@ -109,10 +109,14 @@ def _left(last: Sighting, here: Sighting, near_m: float, target: str) -> bool:
 
 
 class OldPlace(NamedTuple):
-    """Where a surface was before its range jumped (distance [m], direction NED), and the vehicle then (NED [m])."""
+    """Where a surface was before its range jumped (distance [m], direction NED), and the vehicle then (NED [m]).
+
+    ``facing_ned``: the direction in which it looked.
+    """
 
     distance_m: float
     normal_ned: Vector3
+    facing_ned: Vector3
     position_ned: Vector3
 
 
@@ -125,13 +129,16 @@ def jumped(old: OldPlace, distance_m: float, near_m: float) -> OldPlace | None:
 
 
 def remembered(
-    old: OldPlace, distance_m: float, normal_ned: Vector3, position_ned: Vector3
+    old: OldPlace, distance_m: float, facing_ned: Vector3, position_ned: Vector3
 ) -> OldPlace | None:
-    """``old`` until the reading is back, or the vehicle has moved along the surface or turned."""
+    """``old`` until the reading is back, or the vehicle has moved along the surface or turned.
+
+    ``distance_m``: of what is seen now, along the normal of the old place.
+    """
     moved = minus(position_ned, old.position_ned)
     nearer = dot(moved, old.normal_ned)
     along = math.sqrt(max(dot(moved, moved) - nearer * nearer, 0.0))
-    turned = dot(normal_ned, old.normal_ned) < _TURNED_COS
+    turned = dot(facing_ned, old.facing_ned) < _TURNED_COS
     back = abs(distance_m - (old.distance_m - nearer)) < _BACK_M
     if back or turned or along > _MOVED_M:
         return None

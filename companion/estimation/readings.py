@@ -69,6 +69,7 @@ def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Es
         beam_ned=beam_ned,
         distance_m=distance,
         normal_ned=normal,
+        facing_ned=normal,
         sigma_m=SIGMA_M if sample.sigma_m is None else sample.sigma_m,
     )
     beam = estimates.beams[index]
@@ -135,6 +136,7 @@ def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Est
             beam_ned=normal,
             distance_m=plane.distance_m,
             normal_ned=normal,
+            facing_ned=normal,
             met_ned=scaled(normal, plane.distance_m) if seen else None,
             single=False,
         )

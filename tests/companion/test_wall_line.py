@@ -144,3 +144,22 @@ def test_another_wall_is_square_again():
     b.run(1.0)
     wall = walls(b.state.estimates, CONFIG, b.t)[0]
     assert wall.normal_ned == pytest.approx(EAST, abs=0.05)
+
+
+def test_a_range_that_jumps_at_a_turned_wall_is_remembered_until_it_is_back():
+    """Somebody steps aside from the beam: the wall that is seen then is another one, square to the beam at first."""
+    gap_m = 2.0
+    n, e = bearing(30.0)
+    b = bench(height=0.6)
+    for k in range(300):
+        way = 0.003 * k
+        b.position = (way * n, way * e)
+        b.wall = (gap_m - way) / e - MOUNT_M
+        b.tick()
+    before = b.wall
+    b.wall = before - 0.5
+    b.run(2.0)
+    assert walls(b.state.estimates, CONFIG, b.t)[0].jumped
+    b.wall = before
+    b.run(1.0)
+    assert not walls(b.state.estimates, CONFIG, b.t)[0].jumped
