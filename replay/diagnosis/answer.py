@@ -266,6 +266,8 @@ class Diagnosis(Searched):
         size = f"{o.axis} {o.rms * factor:.3g} {unit_words(unit)}"
         if o.regime:
             return f"not explained: {size} on average {WHERE[o.regime]}, {when}"
+        if o.swing_hz is not None:
+            size += f", swinging at {o.swing_hz:.2g} Hz"
         return f"not explained, in no logged quantity: {size}, {when}"
 
     def _judged(self) -> list[str]:
@@ -325,6 +327,8 @@ def _outside(o: Outside, answer: Diagnosis) -> dict[str, Any]:
     out = {"axes": [o.axis], "rms": o.rms * factor, "unit": unit, "intervals_s": o.intervals_s}
     if o.regime:
         out["regime"] = o.regime
+    if o.swing_hz is not None:
+        out["swing_hz"] = o.swing_hz
     return out
 
 

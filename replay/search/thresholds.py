@@ -134,6 +134,12 @@ Of forces all below 2 Hz counts, of moments what is slow: small vehicles tremble
 the declared model's own error leave about one hundredth; of 45 measured flights that are explained, 1.9 of a force and
 2.2 of a moment at most.
 """
+SWING_LIMIT = 1.5
+SWING_SHARE = 0.8
+"""RMS of a moment that swings at one frequency, in hundredths of the weight times the lever, up to which a flight
+counts as explained; and the share of the moment's energy that makes it one frequency. Neither unsteady air nor the
+error of a law has one.
+"""
 LOUD = 1.5
 """Intervals are given where the remainder exceeds the limit by this factor."""
 SUDDEN = 5.0

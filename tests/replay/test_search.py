@@ -555,6 +555,24 @@ def test_a_quick_force_above_two_percent_is_no_explained_flight(quiet: Record) -
     assert [o.axis for o in outside(quiet, 3.5 * rest)] == ["Fz"]  # RMS: 2.5 % of the weight
 
 
+def test_a_moment_that_swings_at_one_frequency_is_no_explained_flight(quiet: Record) -> None:
+    """Slower than 1 s it is averaged away by half, and it is smaller than what unsteady air may leave."""
+    unit = float(hundredths(quiet.context)[3])
+    swing = np.sqrt(2.0) * np.sin(2.0 * np.pi * 0.56 * quiet.time_s)
+    noise = np.random.default_rng(4).normal(size=len(swing))
+    rest = np.zeros_like(quiet.residual)
+    rest[:, 3] = unit * (2.0 * swing + 0.3 * noise)
+    (told,) = outside(quiet, rest)
+    assert told.axis == "Mx"
+    assert told.rms == pytest.approx(2.0 * unit, rel=0.1)
+    assert told.swing_hz == pytest.approx(0.56, abs=0.02)
+    assert outside(quiet, 0.5 * rest) == ()
+    rest[:, 3] = 2.0 * unit * noise
+    assert outside(quiet, rest) == ()
+    rest[:, 3] = unit * (1.6 * swing + 1.6 * noise)
+    assert outside(quiet, rest) == ()
+
+
 def sets(**scores: float) -> list[Fit]:
     """Fits of sets whose terms are the letters of their names; x, y, z are free curves."""
     none = np.empty(0)
