@@ -29,6 +29,8 @@ _SIGMA_SHARE = 0.005
 _VELOCITY_SIGMA_M_S = 0.10
 _POSITION_NEAR_S = 0.3
 """A position further off in time says nothing about a reading's motion."""
+_BESIDE = 0.6
+"""Of the distance from which a wall matters: nearer than that, how it runs is not learned any more."""
 _JUMPS_WITHIN_S = 1.0
 """After a longer silence another distance is no jump."""
 
@@ -107,7 +109,7 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
     sigma = math.sqrt(reading.sigma_m**2 + (_SIGMA_SHARE * reading.slant_m) ** 2 + 0.01**2 / 12.0)
     track, outcome = measure(before, _TRACK, t_s, reading.distance_m, sigma, _DELAY_S)
-    line = _line(beam.line, reading, here, outcome)
+    line = _line(beam.line, reading, here, outcome, near_m)
     if outcome is Outcome.OUTLIER:
         return with_changes(beam, track=track, line=line)
     old = beam.jumped_from
@@ -133,17 +135,25 @@ def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: 
 
 
 def _line(
-    known: WallLine | None, reading: Reading, here: Sighting | None, outcome: Outcome
+    known: WallLine | None,
+    reading: Reading,
+    here: Sighting | None,
+    outcome: Outcome,
+    near_m: float,
 ) -> WallLine | None:
-    """How the wall runs, after a reading."""
+    """How the wall runs, after a reading.
+
+    It is learned on the way to the wall. Beside it a position that goes wrong would turn it.
+    """
     if reading.met_ned is None or here is None or not reading.single:
         return known
     place = plus(here.position_ned, reading.met_ned)
     if known is None or known.seen_along(reading.beam_ned) is None:
         return square_to(reading.beam_ned, place, reading.t_s)
-    if known.near(place):
+    beside = reading.distance_m < _BESIDE * near_m
+    if known.near(place) and not beside:
         return met(known, reading.beam_ned, place, reading.t_s)
-    if outcome is Outcome.RESTARTED:
+    if outcome is Outcome.RESTARTED and not known.near(place):
         return square_to(reading.beam_ned, place, reading.t_s)
     if outcome is Outcome.OUTLIER:
         return known

@@ -281,8 +281,8 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         compare,
         "build",
-        lambda name, vehicle, air=True: replace(
-            build("hover", vehicle, air=air), waypoints=waypoints
+        lambda name, vehicle, air=True, turned_rad=0.0: replace(
+            build("hover", vehicle, air=air, turned_rad=turned_rad), waypoints=waypoints
         ),
     )
     monkeypatch.setattr(compare.os, "cpu_count", lambda: 1)

@@ -116,7 +116,7 @@ def test_the_filter_is_filterpys():
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 40.0])
 def test_a_vehicle_knows_how_far_a_turned_wall_is(degrees):
     """It comes nearer square to the wall, not along the beam; nobody is told that its position drifts."""
-    gap_m = 1.4
+    gap_m = 1.9
     n, e = bearing(degrees)
     b = bench(height=0.6)
     notices = set()
@@ -163,3 +163,15 @@ def test_a_range_that_jumps_at_a_turned_wall_is_remembered_until_it_is_back():
     b.wall = before
     b.run(1.0)
     assert not walls(b.state.estimates, CONFIG, b.t)[0].jumped
+
+
+def test_beside_a_wall_a_position_in_a_turned_frame_turns_no_wall():
+    """What comes nearer seems to pass along the wall then: a wall at 45 degrees, were it learned here."""
+    b = bench(height=0.6, wall=0.5)
+    b.run(2.0)
+    for k in range(150):
+        way = 0.15 * math.sin(0.05 * k)
+        b.position = (way, 0.0)
+        b.wall = 0.5 - way
+        b.tick()
+    assert walls(b.state.estimates, CONFIG, b.t)[0].normal_ned == pytest.approx(EAST, abs=0.05)
