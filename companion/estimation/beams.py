@@ -150,15 +150,15 @@ def _line(
     place = plus(here.position_ned, reading.met_ned)
     if known is None or known.seen_along(reading.beam_ned) is None:
         return square_to(reading.beam_ned, place, reading.t_s)
-    beside = reading.distance_m < _BESIDE * near_m
-    if known.near(place) and not beside:
+    same = known.near(place)
+    if same and reading.distance_m >= _BESIDE * near_m:
         return met(known, reading.beam_ned, place, reading.t_s)
-    if outcome is Outcome.RESTARTED and not known.near(place):
+    if outcome is Outcome.RESTARTED and not same:
         return square_to(reading.beam_ned, place, reading.t_s)
     if outcome is Outcome.OUTLIER:
         return known
-    # The range is as before: the position leapt.
-    return known.through(place)
+    # Beside the wall, or the position leapt and the range did not: the direction is kept.
+    return known.through(place, reading.t_s)
 
 
 def moved(beam: BeamTrack, sample: LocalPosition, reset: PositionReset | None) -> BeamTrack:

@@ -69,9 +69,15 @@ class WallLine(NamedTuple):
         off = math.cos(self.bearing_rad) * north + math.sin(self.bearing_rad) * east
         return abs(off) <= _NEAR_M
 
-    def through(self, place_ned: Vector3) -> WallLine:
-        """A wall of the same direction through a place."""
-        return self._replace(north=place_ned[0], east=place_ned[1])
+    def through(self, place_ned: Vector3, t_s: float) -> WallLine:
+        """A wall of the same direction through a place: what was known of the old place says nothing of it."""
+        return WallLine(
+            north=place_ned[0],
+            east=place_ned[1],
+            bearing_rad=self.bearing_rad,
+            t_s=t_s,
+            slope_variance=self.slope_variance,
+        )
 
     def shifted(self, by_ned: Vector3) -> WallLine:
         """The same wall after the origin of positions moved."""

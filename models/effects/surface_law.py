@@ -139,7 +139,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
             by_model = f"by the model {100.0 * was:.2g} %"
             parts.append(f"at {d:.2f} m the wall {pull_words(found)}, {by_model}")
     if not parts:
-        return "where it came nearest, lift and pull are the model's to 0.1 % of the thrust"
+        return "where it came nearest, lift and pull are within 0.1 % of the thrust of the model's"
     return "; ".join(parts)
 
 

@@ -86,7 +86,9 @@ def test_a_wall_after_its_origin_moved_or_through_another_place_runs_as_before()
     moved = line.shifted((3.0, 2.0, 0.0))
     assert (moved.north, moved.east, moved.bearing_rad) == (3.0, 3.0, line.bearing_rad)
     assert not line.near((0.0, 1.5, 0.0))
-    assert line.through((0.0, 1.5, 0.0)).near((1.0, 1.5, 0.0))
+    again = line.through((0.0, 1.5, 0.0), 2.0)
+    assert again.near((1.0, 1.5, 0.0))
+    assert (again.covariance, again.slope_variance, again.t_s) == (0.0, line.slope_variance, 2.0)
 
 
 def test_the_filter_is_filterpys():

@@ -138,5 +138,5 @@ def _said(height_m: float, gap_m: float, lift: float) -> str:
 
 def test_the_words_of_a_map_tell_only_what_differs_from_the_model() -> None:
     assert "a fan lifts" in _said(0.2, math.inf, lift=0.03)
-    assert _said(0.2, 0.2, lift=0.0002).endswith("are the model's to 0.1 % of the thrust")
+    assert _said(0.2, 0.2, lift=0.0002).endswith("within 0.1 % of the thrust of the model's")
     assert "wall" not in _said(0.2, 0.3, lift=0.03)
