@@ -124,12 +124,15 @@ class Walked:
 
 
 def _stands_in(fit: Fit, less: Fit, stand_ins: Collection[str]) -> bool:
-    """Whether a set is ``less`` or a part of it, with stand-ins besides, or aliases in the place of some effects."""
+    """Whether a set is ``less`` or a part of it, with stand-ins besides, or aliases in the place of some effects.
+
+    What an effect that was taken out explained, a free curve may explain.
+    """
     allowed = set(stand_ins)
     for term in less.terms:
         if term.effect is not None and term.key not in fit.key:
             allowed |= {term.name, *term.named.aliases}
-    new = {name for name, *_ in fit.key - less.key}
+    new = {t.name for t in fit.of_effects if t.key not in less.key}
     return new <= allowed
 
 
