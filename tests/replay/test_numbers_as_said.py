@@ -258,20 +258,25 @@ def test_small_numbers_have_digits_and_nothing_is_minus_zero() -> None:
     assert explains_text(0.124) == "explains 12%"
 
 
+def weighed_term(name: str) -> SimpleNamespace:
+    """A term of one effect, or of a free curve over a channel."""
+    is_curve = name.startswith("over_")
+    effect = None if is_curve else get(name)
+    return SimpleNamespace(
+        name=name, effect=effect, named=effect, key=(name, None, None), order=(name,)
+    )
+
+
 def weighed(*sets: tuple[float, tuple[str, ...]]) -> Walked:
-    """Sets of effects with their probabilities; the first is the best."""
+    """Sets of effects and free curves with their probabilities; the first is the best."""
     fits = {}
     for chance, names in sets:
-        terms = tuple(
-            SimpleNamespace(
-                name=name, effect=get(name), named=get(name), key=(name, None, None), order=(name,)
-            )
-            for name in names
-        )
+        terms = tuple(weighed_term(name) for name in names)
+        of_effects = tuple(t for t in terms if t.effect is not None)
         fit = SimpleNamespace(
             terms=terms,
-            of_effects=terms,
-            effects={t.name for t in terms},
+            of_effects=of_effects,
+            effects={t.name for t in of_effects},
             score=math.log(chance),
             noise=None,
             key=frozenset(t.key for t in terms),
@@ -296,6 +301,17 @@ def test_where_an_effect_is_taken_out_a_likelier_alias_takes_the_place_of_what_i
     )
     less = walked.without([("vertical_inflow", None, None)], "too small")
     assert less.best.effects == {left}
+
+
+def test_what_an_effect_explained_that_was_taken_out_a_free_curve_may_explain() -> None:
+    """A load was headed by the heat of the motors, whose own class gave them nothing."""
+    walked = weighed(
+        (0.9, ("battery_sag", "vertical_inflow")),
+        (0.0999, ("thrust_scale", "over_vd_m_s")),
+        (0.0001, ("battery_sag",)),
+    )
+    less = walked.without([("vertical_inflow", None, None)], "too small")
+    assert less.best.effects == {"thrust_scale"}
 
 
 def test_what_only_fits_beside_an_effect_goes_with_it() -> None:
