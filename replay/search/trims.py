@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from models.common.frames import AXES, Array
+from models.effects import Context
 from replay.residual.record import Record
 from replay.search.channel import hundredths
 from replay.search.thresholds import CLOCK_SD_S, LIFT_TRIM, OFF_CENTRE, TRIM, USUAL_DRAG
@@ -25,7 +26,9 @@ def trims_of(record: Record) -> Iterator[Array]:
     # An accelerometer of its own, not the velocity's derivative.
     if np.isfinite(record.kinematic_bias).any():
         yield _late_velocity(record)
-        yield from _off_centre(record)
+        unit = OFF_CENTRE * record.context.lever
+        for per_metre in off_centre(record.context):
+            yield unit * np.nan_to_num(per_metre)
 
 
 def _late_rotors(record: Record) -> Array:
@@ -48,17 +51,16 @@ def _late_velocity(record: Record) -> Array:
     return out
 
 
-def _off_centre(record: Record) -> Iterator[Array]:
-    """What an accelerometer off the centre of gravity feels of turning, for a standard deviation along x, y, z.
+def off_centre(context: Context) -> Iterator[Array]:
+    """What an accelerometer off the centre of gravity feels of turning, for a metre along x, y, z: forces (n, 6) [N].
 
     m (dw/dt x r + w x (w x r)) with the rates w and the place r: Goldstein, Classical Mechanics, ch. 4.
     """
-    context = record.context
     rates = context.state.rates
-    turn = np.gradient(rates, record.step_s, axis=0)
-    for place in OFF_CENTRE * context.lever * np.eye(3):
+    turn = np.gradient(rates, context.state.time_s, axis=0)
+    for place in np.eye(3):
         centripetal = np.cross(rates, np.cross(rates, place))
         acceleration = np.cross(turn, place) + centripetal
-        out = np.zeros((len(record.valid), 6))
-        out[:, :3] = context.vehicle.mass_kg * np.nan_to_num(acceleration)
+        out = np.zeros((len(rates), 6))
+        out[:, :3] = context.vehicle.mass_kg * acceleration
         yield out

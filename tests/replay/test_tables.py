@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -16,7 +17,9 @@ from tables.nanodrone import Cut, Fitted, reproduced, vehicle
 from tables.nanodrone_data import STEP_S, Run, _bridged, _lag, _without_repeats
 from tables.nanodrone_score import STEPS, naive, score, starts
 
+from models.air_state import blank_state
 from models.common.frames import GRAVITY, Array
+from models.effects import Context
 from models.vehicle import load_vehicle
 from replay.predict.rollout import FlightModel, rollout
 
@@ -185,6 +188,24 @@ def test_a_flight_that_is_left_out_is_told_by_the_others() -> None:
     errors = neurobem.left_out(columns, measured)
     assert errors[2] == pytest.approx(-1.0, abs=1e-9)
     assert np.abs(errors[0]).max() > 1e-3
+
+
+def test_where_the_accelerometer_is_is_found_by_the_turns_it_feels() -> None:
+    vehicle = neurobem.vehicle()
+    time_s = np.arange(200) / 400.0
+    rates = np.stack([np.sin(9.0 * time_s), 2.0 * np.cos(7.0 * time_s), 3.0 * time_s], axis=1)
+    blank = blank_state((200,), 4, 4)
+    speed = np.full_like(blank.rpm, 12000.0)
+    # It turns on its place: the laws of speed are silent.
+    turning = replace(blank, time_s=time_s, rates=rates, rpm=speed, velocity_ned=np.zeros((200, 3)))
+    x = neurobem.force_columns(Context(state=turning, vehicle=vehicle))
+    place = np.array([-0.02, 0.025, -0.02])
+    change = np.gradient(rates, time_s, axis=0)
+    felt = np.cross(change, place) + np.cross(rates, np.cross(rates, place))
+    found, *_ = np.linalg.lstsq(
+        x.reshape(-1, x.shape[2]), (vehicle.mass_kg * felt).ravel(), rcond=None
+    )
+    assert found[-3:] == pytest.approx(place)
 
 
 def test_a_vehicle_file_alone_is_rolled_as_its_vehicle_is(tmp_path: Path) -> None:

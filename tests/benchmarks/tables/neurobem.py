@@ -44,6 +44,7 @@ from models.effects import Context, get
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle.vehicle import Fan, Rotor
 from models.vehicle_wrench import RPM_TO_RAD_S
+from replay.search.trims import off_centre
 
 ANGULAR = slice(1, 4)
 THEIR_FORCE = slice(29, 32)
@@ -143,9 +144,10 @@ def _segment(name: str, rows: Array) -> Segment:
 
 
 def force_columns(context: Context) -> Array:
-    """(n, 3, k): thrust as declared, and effects."""
+    """(n, 3, k): thrust as declared, effects, and an accelerometer off the centre of gravity."""
     thrust = context.rotor_wrench[:, :, None]
-    return np.concatenate([thrust, _effects(context, FORCES)], axis=2)[:, FORCE_AXES]
+    place = np.stack(list(off_centre(context)), axis=2)
+    return np.concatenate([thrust, _effects(context, FORCES), place], axis=2)[:, FORCE_AXES]
 
 
 def moment_columns(context: Context) -> Array:
