@@ -26,6 +26,8 @@ from models.vehicle import Vector3
 _T_S = 10.0
 _LEAST_M = 0.12
 """A drift of 0.012 m/s that lasts. Less is noise of the range, and an estimator's wander."""
+_SURE_M = 0.08
+"""The same where the accelerometers say as well that it is the position."""
 _SLOPE = 0.35
 """What a wall that is not flat, or not square to the beam, explains per metre flown along it."""
 _SAME_COS = math.cos(math.radians(15.0))
@@ -167,6 +169,9 @@ def compare_wall(
     met_ned = before.met_ned
     before = _turned(before, met_ned, now.normal_ned)
     now = _parted(before, met_ned, now, dt, leapt=before.t_s < reset_s <= now.t_s)
+    if not now.drifts and abs(now.apart_m) > _SURE_M + _bent_m(now):
+        surely = _wrong(before, now, felt, _TELLS_M) is Wrong.POSITION
+        now = now._replace(drifts=surely)
     if not now.drifts:
         off = _felt_m(now, felt) - 0.5 * (now.by_range[1] + now.by_position[1])
         if not math.isnan(before.felt_off_m):
@@ -257,15 +262,13 @@ def _parted(
     apart = before.apart_m * kept + toward - closed
     travel = (before.travel_m[0] * kept + along[0], before.travel_m[1] * kept + along[1])
     sooner = before.leapt_m * max(1.0 - dt / _LEAPS_S, 0.0) + toward - closed
-    slope = _SLOPE * math.hypot(*travel)
+    now = now._replace(apart_m=apart, leapt_m=sooner, travel_m=travel)
+    bent_m = _bent_m(now)
     if before.drifts:
-        drifts = abs(apart) > 0.5 * (_LEAST_M + slope)
+        drifts = abs(apart) > 0.5 * (_LEAST_M + bent_m)
     else:
-        drifts = abs(apart) > _LEAST_M + slope or abs(sooner) > _LEAPS_M + slope
+        drifts = abs(apart) > _LEAST_M + bent_m or abs(sooner) > _LEAPS_M + bent_m
     return now._replace(
-        apart_m=apart,
-        leapt_m=sooner,
-        travel_m=travel,
         drifts=drifts,
         by_range=passed(before.by_range, closed, dt),
         by_position=passed(before.by_position, toward, dt),
@@ -283,13 +286,11 @@ def _anchored(
     before: WallDrift, now: WallDrift, flown_m: float, felt: Felt, dt: float
 ) -> WallDrift:
     """Who is wrong, and the place across the wall by the range; ``flown_m``: the place flown by."""
-    wrong = before.wrong
-    if abs(now.t_s - felt.t_s) <= _FELT_AGE_S:
-        if wrong is Wrong.POSITION:
-            least_m = _REVISES_M
-        else:
-            least_m = _TELLS_M
-        wrong = _told(now, _felt_m(now, felt) - before.felt_off_m, least_m) or wrong
+    if before.wrong is Wrong.POSITION:
+        least_m = _REVISES_M
+    else:
+        least_m = _TELLS_M
+    wrong = _wrong(before, now, felt, least_m) or before.wrong
     now = now._replace(felt_off_m=before.felt_off_m, began_m=before.began_m, wrong=wrong)
     if wrong is Wrong.RANGE:
         return now
@@ -314,8 +315,16 @@ def _felt_m(now: WallDrift, felt: Felt) -> float:
     return felt.place[0] * now.normal_ned[0] + felt.place[1] * now.normal_ned[1]
 
 
-def _told(now: WallDrift, felt_m: float, least_m: float) -> Wrong | None:
-    """Which of both is further from what was felt, by ``least_m`` and more."""
+def _bent_m(now: WallDrift) -> float:
+    """What a wall that is not flat explains on the way along it."""
+    return _SLOPE * math.hypot(*now.travel_m)
+
+
+def _wrong(before: WallDrift, now: WallDrift, felt: Felt, least_m: float) -> Wrong | None:
+    """Which of both is further from what was felt, by ``least_m`` and more; None: it cannot be told."""
+    if abs(now.t_s - felt.t_s) > _FELT_AGE_S:
+        return None
+    felt_m = _felt_m(now, felt) - before.felt_off_m
     range_off = abs(now.by_range[1] - felt_m)
     position_off = abs(now.by_position[1] - felt_m)
     if range_off + least_m < position_off:
