@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.common.frames import Array
 from replay.search.channel import ResidualChannel
@@ -72,7 +73,8 @@ class Contributions:
 
         With b the coefficients and g those of a term's main coefficients and model-form errors, the posterior mean of
         the others given that g are zero is b - S_bg S_gg^-1 g. They stay within their bounds, and within ``USUAL``
-        standard deviations of their prior.
+        standard deviations of their prior. Terms that look like it stay as they are, and S is given those: how much
+        of both acts, the evidence has told.
         """
         design = self.design
         centre = design.centre
@@ -86,13 +88,27 @@ class Contributions:
             term = design.terms[number]
             removable = (term.main > 0.0) | term.form
             gone = design.edges[number] + np.flatnonzero(removable)
-            cov_of_gone = self._cov[np.ix_(gone, gone)]
-            weights = np.linalg.solve(cov_of_gone, self._b[gone])
-            conditional = self._b - self._cov[:, gone] @ weights
+            cov = self._cov
+            alike = self._alike(term)
+            if alike.size:
+                cov_of_alike = cov[np.ix_(alike, alike)]
+                cov = cov - cov[:, alike] @ np.linalg.solve(cov_of_alike, cov[alike])
+            weights = np.linalg.solve(cov[np.ix_(gone, gone)], self._b[gone])
+            conditional = self._b - cov[:, gone] @ weights
             others = np.clip(conditional, low, high)
+            others[alike] = self._b[alike]
             others[gone] = 0.0
             lost[i] = self._b - others
         return design.times(lost)
+
+    def _alike(self, term: Term) -> NDArray[np.int64]:
+        """Numbers of the coefficients of terms that can stand in the place of one."""
+        out = [np.empty(0, np.int64)]
+        edges = self.design.edges
+        for number, other in enumerate(self.design.terms):
+            if term.effect is not None and other.name in term.effect.aliases:
+                out.append(np.arange(edges[number], edges[number + 1]))
+        return np.concatenate(out)
 
     def _bounds(self) -> tuple[Array, Array]:
         """The least and the most that every coefficient (k,) may be; a trim has no bounds."""
