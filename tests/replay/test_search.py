@@ -685,6 +685,20 @@ def test_an_accelerometer_off_the_centre_of_gravity_is_no_finding(quiet: Record)
     assert not trace.outside
 
 
+def test_two_laws_of_drag_are_told_where_both_act(quiet: Record) -> None:
+    """Linear drag took over from quadratic drag, and came out twice as large as it is."""
+    calm = replace(quiet, residual=0.4 * quiet.residual)
+    velocity = calm.context.state.velocity_ned
+    fast = with_context(calm, state=replace(calm.context.state, velocity_ned=12.0 * velocity))
+    linear = added(fast, "rotor_drag", (0.0,), 0.1)
+    both = added(linear, "body_drag", (), 0.8, 0.8)
+    answer = search(both, some("rotor_drag", "body_drag"))
+    assert names(answer) == {"rotor_drag", "body_drag"}
+    assert estimate(answer, "rotor_drag", "drag")[1] == pytest.approx(0.1, abs=0.03)
+    assert estimate(answer, "body_drag", "front")[1] == pytest.approx(0.8, abs=0.15)
+    assert names(search(linear, some("rotor_drag", "body_drag"))) == {"rotor_drag"}
+
+
 @pytest.mark.slow
 def test_a_late_velocity_leaves_no_second_effect_beside_drag(quiet: Record) -> None:
     state = quiet.context.state
@@ -977,9 +991,10 @@ def test_an_effect_does_not_act_on_an_axis_of_which_it_raises_the_error(quiet: R
 
 
 def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> None:
-    """A scale takes over the mean of a thrust that grows with the throttle; drag takes over nothing of it."""
+    """An accelerometer takes over a part of a load; drag, and what can stand in the load's place, take nothing."""
     flown = added(added(pumped(quiet), "thrust_curve", (), 0.3, 0.0), "thrust_scale", (), -0.1)
-    evidence = Evidence(Library([flown], some("thrust_scale", "payload", "rotor_drag")))
+    effects = some("imu_bias", "thrust_scale", "payload", "rotor_drag")
+    evidence = Evidence(Library([flown], effects))
     terms = {t.name: t for t in reversed(evidence.library.terms) if t.effect is not None}
 
     def own_share(name: str, beside: str) -> float:
@@ -988,8 +1003,9 @@ def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> No
         fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
         return float(tops(u, u.own([0]))[0, fz] / tops(u, u.main)[0, fz])
 
-    assert own_share("thrust_scale", "rotor_drag") > 0.9
-    assert own_share("thrust_scale", "payload") < 0.5
+    assert own_share("payload", "rotor_drag") > 0.9
+    assert own_share("payload", "thrust_scale") > 0.9
+    assert own_share("payload", "imu_bias") < 0.5
 
 
 @pytest.mark.slow
