@@ -73,8 +73,8 @@ class Contributions:
 
         With b the coefficients and g those of a term's main coefficients and model-form errors, the posterior mean of
         the others given that g are zero is b - S_bg S_gg^-1 g. They stay within their bounds, and within ``USUAL``
-        standard deviations of their prior. Terms that look like it stay as they are, and S is given those: how much
-        of both acts, the evidence has told.
+        standard deviations of their prior. Other laws that look like it stay as they are, and S is given those: laws
+        add up, and how much of each acts, the evidence has told.
         """
         design = self.design
         centre = design.centre
@@ -102,11 +102,12 @@ class Contributions:
         return design.times(lost)
 
     def _alike(self, term: Term) -> NDArray[np.int64]:
-        """Numbers of the coefficients of terms that can stand in the place of one."""
+        """Numbers of the coefficients of laws that can stand in the place of one."""
         out = [np.empty(0, np.int64)]
         edges = self.design.edges
         for number, other in enumerate(self.design.terms):
-            if term.effect is not None and other.name in term.effect.aliases:
+            laws = _is_law(term) and _is_law(other)
+            if laws and other.name in term.named.aliases:
                 out.append(np.arange(edges[number], edges[number + 1]))
         return np.concatenate(out)
 
@@ -117,6 +118,10 @@ class Contributions:
         low = np.concatenate([*(t.low for t in terms), -trims])
         high = np.concatenate([*(t.high for t in terms), trims])
         return low, high
+
+
+def _is_law(term: Term) -> bool:
+    return term.effect is not None and term.effect.law
 
 
 def form_variance(u: Contributions) -> Array:
