@@ -27,7 +27,7 @@ _T_S = 10.0
 _LEAST_M = 0.12
 """A drift of 0.012 m/s that lasts. Less is noise of the range, and an estimator's wander."""
 _SURE_M = 0.08
-"""The same where the accelerometers say as well that it is the position."""
+"""So much is enough where the accelerometers say as well that the position is wrong."""
 _SLOPE = 0.35
 """What a wall that is not flat, or not square to the beam, explains per metre flown along it."""
 _SAME_COS = math.cos(math.radians(15.0))

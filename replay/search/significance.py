@@ -73,8 +73,8 @@ class Contributions:
 
         With b the coefficients and g those of a term's main coefficients and model-form errors, the posterior mean of
         the others given that g are zero is b - S_bg S_gg^-1 g. They stay within their bounds, and within ``USUAL``
-        standard deviations of their prior. Other laws that look like it stay as they are, and S is given those: laws
-        add up, and how much of each acts, the evidence has told.
+        standard deviations of their prior. Laws that can stand in the place of a law stay as they are, and S is the
+        covariance given their coefficients: laws add up, and the evidence has told how much of each acts.
         """
         design = self.design
         centre = design.centre
@@ -104,10 +104,11 @@ class Contributions:
     def _alike(self, term: Term) -> NDArray[np.int64]:
         """Numbers of the coefficients of laws that can stand in the place of one."""
         out = [np.empty(0, np.int64)]
+        if not _is_law(term):
+            return out[0]
         edges = self.design.edges
         for number, other in enumerate(self.design.terms):
-            laws = _is_law(term) and _is_law(other)
-            if laws and other.name in term.named.aliases:
+            if _is_law(other) and other.name in term.named.aliases:
                 out.append(np.arange(edges[number], edges[number + 1]))
         return np.concatenate(out)
 
