@@ -16,6 +16,7 @@ from replay.diagnosis.amended_model import of_one_wind, to_adopt
 from replay.diagnosis.motor_losses import loss_json, loss_text
 from replay.diagnosis.weights import in_shares, least_in_shares, scale
 from replay.diagnosis.words import (
+    carrier_words,
     class_text,
     estimate_text,
     explains_text,
@@ -184,9 +185,7 @@ class Diagnosis(Searched):
                 "aliases": self.aliases,
                 "unexplained": {
                     "rms": {axis: error["rms_after"] for axis, error in axes.items()},
-                    "channels": [
-                        {"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels
-                    ],
+                    "channels": [_carrier(c) for c in self.channels],
                 },
                 "outside": outside,
                 "regimes": regimes,
@@ -236,7 +235,7 @@ class Diagnosis(Searched):
                 lines.append(f"  {axis:3s} {sizes} {unit_words(self.unit(i)[1])}")
         for f in self.found:
             lines += _effect_text(f, self)
-        lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
+        lines += [f"  unexplained in {c.axis}: {carrier_words(c, c.name)}" for c in self.channels]
         for t in self.traces:
             lines += [f"  {self.outside_words(o)}" for o in t.outside]
         lines += self._judged()
@@ -320,6 +319,13 @@ def _parameter(e: IntervalEstimate) -> dict[str, Any]:
     if not e.determined:
         return e.as_json()
     return e.as_json() | _of_weight([e.value], e.unit)
+
+
+def _carrier(c: CarryingChannel) -> dict[str, Any]:
+    out: dict[str, Any] = {"name": c.name, "score": c.score, "axes": [c.axis]}
+    if c.course is not None:
+        out |= c.course.as_json()
+    return out
 
 
 def _outside(o: Outside, answer: Diagnosis) -> dict[str, Any]:

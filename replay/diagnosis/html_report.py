@@ -14,6 +14,7 @@ from replay.diagnosis.next_step import certainty, next_step, size_words
 from replay.diagnosis.pictures import against, effect_picture, series
 from replay.diagnosis.words import (
     AXIS_WORDS,
+    carrier_words,
     channel_words,
     class_text,
     explains_text,
@@ -44,7 +45,10 @@ def page(
             (f, size_words(f, answer), effect_picture(f, answer.traces)) for f in answer.found
         ],
         axes=_axis_rows(answer),
-        carriers=[(channel_words(c.name), c.axis, f"{c.score:.0%}") for c in answer.channels],
+        carriers=[
+            (carrier_words(c, channel_words(c.name)), c.axis, f"{c.score:.0%}")
+            for c in answer.channels
+        ],
         remainder=_remainder(answer),
         outside=_outside_lines(answer),
         pictures=[(t.record.name, series(t)) for t in answer.traces],

@@ -6,6 +6,7 @@ import math
 import re
 
 from models.effects import BelongsTo, Effect, InFlight
+from replay.search.curves import CarryingChannel
 from replay.search.estimates import IntervalEstimate
 from replay.search.least_visible import Visible
 from replay.search.results import Found
@@ -68,6 +69,13 @@ def channel_words(name: str) -> str:
     if ranged:
         return f"range {ranged[1]} [m]"
     return plain(name)
+
+
+def carrier_words(carrier: CarryingChannel, name: str) -> str:
+    """A channel, by its ``name`` for the reader, and what the force does in time where it follows time alone."""
+    if carrier.course is None:
+        return name
+    return f"{name}: {carrier.course.in_words}"
 
 
 def plain(name: str) -> str:

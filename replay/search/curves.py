@@ -10,6 +10,7 @@ import numpy as np
 from models.common.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.thresholds import CLOSEST, LEAST_TURN_RAD, ODDS, REACTION_ODDS
+from replay.search.time_courses import TimeCourse, time_courses
 
 KNOTS = 7
 """Of a curve: so many evenly over the channel's range, and as many on its quantiles."""
@@ -52,6 +53,8 @@ class CarryingChannel:
     name: str
     score: float
     axis: str
+    course: TimeCourse | None = None
+    """Of a force that swings or changes in time."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ class Curve:
     parts: tuple[Array | None, ...]
     odds: float
     """True odds, p / (1 - p)."""
+    course: TimeCourse | None = None
+    """Of a curve over time that is no smooth one."""
 
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
@@ -78,9 +83,15 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
         bases = _bases(records, name)
         for axis in sorted(axes):
             odds = _odds(name, AXES[axis], records)
-            if odds is not None:
-                for basis in bases:
-                    yield Curve(name, axis, basis, odds / len(bases))
+            if odds is None:
+                continue
+            courses = time_courses(records[0], axis) if name == "time_s" else ()
+            odds_of_each = odds / max(len(bases) + len(courses), 1)
+            for basis in bases:
+                yield Curve(name, axis, basis, odds_of_each)
+            for course in courses:
+                basis = (_centred(course.columns, records[0]),)
+                yield Curve(name, axis, basis, odds_of_each, course)
 
 
 def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:

@@ -233,7 +233,7 @@ def _curves(
         gain = without - fit.energy(fit.after - curves, [axis])
         share = gain / max(fit.energy(fit.rest, [axis]), 1e-30)
         score = float(np.clip(share, 0.0, 1.0))
-        carriers.append((gain, CarryingChannel(term.name, score, AXES[axis])))
+        carriers.append((gain, CarryingChannel(term.name, score, AXES[axis], library.course(term))))
     carriers.sort(key=lambda pair: -pair[0])
     return tuple(carrier for _, carrier in carriers), curves
 

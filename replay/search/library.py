@@ -28,6 +28,7 @@ from replay.search.terms import (
     unmixed_regressors,
 )
 from replay.search.thresholds import AMPLITUDE, FORM_PRIOR, KINEMATIC_SD_M_S2, KNOWN
+from replay.search.time_courses import TimeCourse
 from replay.search.trims import trims_of
 
 
@@ -92,6 +93,7 @@ class Library:
         self._unmixed: dict[tuple[str, int], Columns] = {}
         """Of an effect whose shape only mixes its regressors, and a flight: the columns that are mixed."""
         self._curves: dict[tuple[int, int], Array] = {}
+        self._courses: dict[int, TimeCourse | None] = {}
         self._trims: list[tuple[int, Array]] = []
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
@@ -390,6 +392,10 @@ class Library:
         """Columns (n, k) of a free curve at the record's rate."""
         return self._curves[int(term.columns[0]), flight]
 
+    def course(self, term: Term) -> TimeCourse | None:
+        """What a curve over time does, where it is no smooth one."""
+        return self._courses[int(term.columns[0])]
+
     def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
         """Wrenches (n, 6, k) per coefficient at the record's rate, and (n, 6, m) of its model-form errors."""
         effect = term.named
@@ -427,6 +433,7 @@ class Library:
             places[f] = columns
             force = AMPLITUDE * hundredths(record.context)[curve.axis] * part
             self._curves[int(columns[0]), f] = force
+            self._courses[int(columns[0])] = curve.course
             self._at[f, curve.axis].add(columns, force[:: self.every[f]])
         one = np.ones(width)
         self._take_in(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import hundredths
 from replay.search.regimes import LEAST_S, SURFACES, regimes
+from replay.search.swings import strongest_swing
 from replay.search.thresholds import (
     FORCE_LIMIT,
     LEVEL_LEFT,
@@ -34,8 +34,6 @@ MOST = 12
 MAD_TO_SD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
-FEWEST_SWINGS = 4
-"""In a flight, for it to be one of a frequency."""
 INDEPENDENT_S = 2.0
 """Time after which a remainder counts as a new sample of its mean [s]."""
 
@@ -85,38 +83,12 @@ def _of_axis(record: Record, rest: Array, axis: int) -> Outside | None:
     if sudden.sum() * record.step_s > SUDDEN_S:
         return Outside(AXES[axis], rms, _intervals(record.time_s, sudden))
     if axis >= 3:
-        swings = _swing(record, rest)
-        if swings.rms > SWING_LIMIT * unit:
+        swing = strongest_swing(record, rest)
+        swing_rms = float(np.sqrt(swing.share) * rest[valid].std())
+        if swing.share >= SWING_SHARE and swing_rms > SWING_LIMIT * unit:
             when = _intervals(record.time_s, valid)
-            return Outside(AXES[axis], swings.rms, when, swing_hz=swings.hz)
+            return Outside(AXES[axis], swing_rms, when, swing_hz=swing.hz)
     return None
-
-
-class _Swing(NamedTuple):
-    """Of one frequency: RMS [N m] and frequency [Hz]; 0 where no frequency has most of the energy."""
-
-    rms: float = 0.0
-    hz: float = 0.0
-
-
-def _swing(record: Record, rest: Array) -> _Swing:
-    """The frequency that has most of the energy of a remainder (n,): by a periodogram with Hann's window.
-
-    Noise and unsteady air spread over many frequencies, a swing is in the three bins about its own (Harris 1978,
-    Proc. IEEE 66, 51).
-    """
-    mean = rest[record.valid].mean()
-    x = np.where(record.valid, rest - mean, 0.0)
-    power = np.abs(np.fft.rfft(x * np.hanning(len(x)))) ** 2
-    whole = float(power.sum())
-    if len(power) <= 2 * FEWEST_SWINGS or whole <= 0.0:
-        return _Swing()
-    highest = FEWEST_SWINGS + int(np.argmax(power[FEWEST_SWINGS:]))
-    share = float(power[highest - 1 : highest + 2].sum()) / whole
-    if share < SWING_SHARE:
-        return _Swing()
-    rms = float(np.sqrt(share * np.mean(x[record.valid] ** 2)))
-    return _Swing(rms=rms, hz=highest / (len(x) * record.step_s))
 
 
 def _slow(record: Record, rest: Array) -> Array:
