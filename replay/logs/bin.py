@@ -238,7 +238,8 @@ class Dataflash:
             if records.letter("Name") not in _TEXT or records.letter("Value") not in _NUMBER:
                 continue
             times = np.nan_to_num(self._times(records), nan=-math.inf).tolist()
-            values = records.content["Value"].astype(float).tolist()
+            with np.errstate(invalid="ignore"):  # damage may make a NaN of the kind that signals
+                values = records.content["Value"].astype(float).tolist()
             rows = zip(times, records.texts("Name"), values, strict=True)
             found += zip(records.offsets.tolist(), rows, strict=True)
         return [row for _, row in sorted(found) if math.isfinite(row[2])]

@@ -44,7 +44,8 @@ def _powers(found: Mapping[str, Series]) -> dict[str, float] | None:
     """Median power [W] of every battery; None where one that has a voltage has no current."""
     out = {}
     for name, series in found.items():
-        power = series.values[:, 0] * series.values[:, 1]
+        with np.errstate(invalid="ignore", over="ignore"):  # a damaged log holds any number
+            power = series.values[:, 0] * series.values[:, 1]
         known = power[np.isfinite(power)]
         if known.size:
             out[name] = float(np.median(known))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -314,6 +315,17 @@ def attitudes() -> BinWriter:
     w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     w.row("PARM", START_US, "GUID_OPTIONS", 8.0)
     return w
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_parameter_that_is_no_number_is_left_out_in_silence(tmp_path):
+    w = attitudes()
+    w.row("PARM", START_US, "ATC_RAT_RLL_P", 1234.5)
+    hover(w, 100_000_000, 200)
+    signalling = b"\x01\x00\x80\x7f"
+    (tmp_path / "flight.BIN").write_bytes(w.bytes().replace(struct.pack("<f", 1234.5), signalling))
+    (flight,) = load(tmp_path / "flight.BIN")
+    assert flight.parameters == {"GUID_OPTIONS": 8.0}
 
 
 def test_a_reboot_in_the_midst_of_a_log_starts_a_flight_of_its_own(tmp_path):

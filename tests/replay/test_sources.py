@@ -106,6 +106,14 @@ def test_the_battery_that_scales_the_motors_is_the_one_in_use():
     assert choice(two, "battery").why == "the autopilot uses it (MOT_BAT_IDX)"
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_damaged_power_of_a_battery_is_left_out_in_silence():
+    current = np.where(T < 1.0, np.inf, 22.0)
+    voltage = np.where(T < 1.0, 0.0, 16.3 - 0.04 * T)
+    found = {"BAT 0": series(voltage, current), "BAT 1": series(16.3 + 0.0 * T, 1e308)}
+    assert choice(log(batteries=found), "battery").chosen == "BAT 0"
+
+
 def test_a_log_whose_batteries_are_all_dead_has_none():
     assert chosen(log(batteries={"BAT 0": series(0.02, 0.0)})).battery is None
 
