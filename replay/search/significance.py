@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from models.common.frames import Array
+from models.common.frames import AXES, Array
 from replay.search.channel import ResidualChannel
 from replay.search.design import Design
 from replay.search.terms import STEP_S, Term, log_mass
@@ -23,6 +23,7 @@ from replay.search.thresholds import (
     UNEXPLAINED_S,
     USUAL,
     USUAL_TRIM,
+    YAW,
 )
 
 
@@ -163,7 +164,7 @@ def cancelled(u: Contributions) -> float:
     worst = 0.0
     for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
         together = whole.sum(axis=1)
-        free = axes[0].count * (CANCEL_FREE * limits(axes)) ** 2
+        free = axes[0].count * (CANCEL_FREE * units(axes)) ** 2
         each = np.einsum("atn,atn->a", whole, whole)
         all_together = np.einsum("an,an->a", together, together)
         ratio = each / (all_together + free)
@@ -213,7 +214,7 @@ def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     sizes = []
     for axes, part in zip(u.design.library.flights, parts, strict=True):
         largest = top(part, axes[0].count)
-        sizes.append(largest / limits(axes)[:, None])
+        sizes.append(largest / units(axes)[:, None])
     return np.concatenate(sizes).T
 
 
@@ -223,13 +224,20 @@ def tops_of_columns(channel: ResidualChannel, term: Term) -> Array:
     acting = rows >= 0
     columns = channel.rows[rows[acting]]
     out = np.zeros(len(rows))
-    out[acting] = top(columns, channel.count) / channel.limit
+    out[acting] = top(columns, channel.count) / unit_of(channel)
     return out
 
 
-def limits(axes: Sequence[ResidualChannel]) -> Array:
-    """One hundredth of the weight of every axis (axes,) [N or N m]."""
-    return np.array([c.limit for c in axes])
+def units(axes: Sequence[ResidualChannel]) -> Array:
+    """Of every axis (axes,), what a size counts in."""
+    return np.array([unit_of(channel) for channel in axes])
+
+
+def unit_of(channel: ResidualChannel) -> float:
+    """What a size counts in: one hundredth of the weight, times the lever for moments, of that ``YAW`` for yaw."""
+    if channel.axis == AXES.index("Mz"):
+        return YAW * channel.limit
+    return channel.limit
 
 
 def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
@@ -242,7 +250,7 @@ def slow_rms(rest: Array, axes: Sequence[ResidualChannel]) -> Array:
     samples = valid_before[width:] - valid_before[:-width]
     mean = total / np.maximum(samples, 1)
     mean_square = (mean**2).sum(axis=1) / max(mean.shape[1], 1)
-    return np.asarray(np.sqrt(mean_square) / limits(axes))
+    return np.asarray(np.sqrt(mean_square) / units(axes))
 
 
 def top(x: Array, count: int) -> Array:

@@ -62,6 +62,9 @@ CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
 UNEXPLAINED_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
+YAW = 0.25
+"""A yaw moment counts in this share of the weight times the lever. Rotors turn a vehicle by differences of their
+torques, and all torques together are 0.04 to 0.13 of it (ten vehicles whose thrust and torque are declared)."""
 OWN = 0.75
 """Smallest minimum unique contribution of a named term, in hundredths of the weight: no model is better than that."""
 HOPELESS = 0.8
