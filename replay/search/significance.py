@@ -164,7 +164,8 @@ def cancelled(u: Contributions) -> float:
     worst = 0.0
     for axes, whole in zip(u.design.library.flights, u.whole, strict=True):
         together = whole.sum(axis=1)
-        free = axes[0].count * (CANCEL_FREE * units(axes)) ** 2
+        hundredths = np.array([channel.limit for channel in axes])
+        free = axes[0].count * (CANCEL_FREE * hundredths) ** 2
         each = np.einsum("atn,atn->a", whole, whole)
         all_together = np.einsum("an,an->a", together, together)
         ratio = each / (all_together + free)
