@@ -785,6 +785,19 @@ def test_a_moment_is_named_among_all(
     assert names(answer) == {name}
 
 
+def test_a_yaw_moment_of_half_a_hundredth_is_not_small(quiet: Record) -> None:
+    """Half a hundredth of the weight times the lever is more than a tenth of what all rotors can do about yaw."""
+    flown = swung(quiet)
+    context = flown.context
+    turning = np.nan_to_num(get("rotor_inertia").regressors(context, ()))[:, 5, 0]
+    half_a_hundredth = 0.005 * context.weight * context.lever
+    inertia = half_a_hundredth / np.percentile(np.abs(turning), 99.0)
+    heavy = added(flown, "rotor_inertia", (), inertia)
+    assert names(search(heavy, some("rotor_inertia"))) == {"rotor_inertia"}
+    light = added(flown, "rotor_inertia", (), 0.2 * inertia)
+    assert names(search(light, some("rotor_inertia"))) == set()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("pitch", [0.6, 3.0])
 def test_a_moment_in_roll_alone_is_not_that_of_round_rotors(quiet: Record, pitch: float) -> None:
