@@ -9,10 +9,12 @@ import numpy as np
 from models.common.frames import Array
 from replay.residual.record import Record
 from replay.search.beginnings import BESIDE_S
-from replay.search.swings import LINES, strongest_swing
+from replay.search.swings import LINES, Swing, strongest_swing
 
 ONSET_S = 8.0
 """How long a change may take to come [s]."""
+MOST = 0.5
+"""A velocity that has more than this share of its energy in one swing is flown on purpose."""
 
 
 @dataclass(frozen=True)
@@ -46,18 +48,28 @@ def time_courses(record: Record, axis: int) -> tuple[TimeCourse, ...]:
 
 
 def _swing(record: Record, axis: int) -> TimeCourse | None:
-    """cos and sin of the strongest line of the periodogram and of its neighbours.
+    """cos and sin of the strongest line of the periodogram and of its neighbours; None where the vehicle flies so.
 
     A frequency between two lines is the sum of all three.
     """
     swing = strongest_swing(record, record.residual[:, axis])
-    if swing.hz <= 0.0:
+    if swing.hz <= 0.0 or _flown(record, swing):
         return None
     columns = []
     for line in LINES:
         phase = 2.0 * np.pi * (swing.hz + line * swing.line_hz) * record.time_s
         columns += [np.cos(phase), np.sin(phase)]
     return TimeCourse(np.stack(columns, axis=1), swing_hz=swing.hz)
+
+
+def _flown(record: Record, swing: Swing) -> bool:
+    """Whether the vehicle itself swings so: what then goes with time goes with its motion, too."""
+    for velocity in record.context.state.velocity_ned.T:
+        flown = strongest_swing(record, velocity)
+        near = abs(flown.hz - swing.hz) < 1.5 * swing.line_hz
+        if near and flown.share > MOST:
+            return True
+    return False
 
 
 def _change(record: Record, axis: int) -> TimeCourse | None:

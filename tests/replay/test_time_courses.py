@@ -57,6 +57,16 @@ def test_the_strongest_swing_has_its_frequency(quiet: Record) -> None:
     assert hz == [pytest.approx(HZ, abs=1.0 / 90.0)]
 
 
+def test_a_swing_that_the_vehicle_flies_is_none_of_time_alone(quiet: Record) -> None:
+    """On a path that repeats itself drag swings in step with time, and no less with the speed."""
+    pushed_by_drag = swing(quiet)
+    velocity = quiet.context.state.velocity_ned.copy()
+    velocity[:, 0] = 2.0 * np.sin(2.0 * np.pi * HZ * quiet.time_s)
+    state = replace(quiet.context.state, velocity_ned=velocity)
+    flown = replace(pushed_by_drag, context=replace(quiet.context, state=state))
+    assert [c for c in time_courses(flown, FX) if c.swing_hz is not None] == []
+
+
 @pytest.mark.parametrize("over_s", [0.1, 8.0], ids=["at once", "slowly"])
 def test_a_change_has_its_time(quiet: Record, over_s: float) -> None:
     at_s = float(quiet.time_s[0]) + 40.0
