@@ -14,7 +14,7 @@ from replay.search.swings import LINES, Swing, strongest_swing
 ONSET_S = 8.0
 """How long a change may take to come [s]."""
 MOST = 0.5
-"""A velocity that has more than this share of its energy in one swing is flown on purpose."""
+"""More than this share of an axis's energy is in what is called its swing. The same of a velocity: it is flown so."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class TimeCourse:
 
 
 def time_courses(record: Record, axis: int) -> tuple[TimeCourse, ...]:
-    """The swing and the change that have most of the energy of an axis; none where the flight is too short."""
+    """The swing that has most of the energy of an axis, and the best change; none where the flight is too short."""
     courses = (_swing(record, axis), _change(record, axis))
     return tuple(course for course in courses if course is not None)
 
@@ -53,7 +53,7 @@ def _swing(record: Record, axis: int) -> TimeCourse | None:
     A frequency between two lines is the sum of all three.
     """
     swing = strongest_swing(record, record.residual[:, axis])
-    if swing.hz <= 0.0 or _flown(record, swing):
+    if swing.share <= MOST or _flown(record, swing):
         return None
     columns = []
     for line in LINES:
