@@ -204,6 +204,53 @@ class Evidence:
         z = standing(contributions, contributions.anywhere, [number])
         return float(z[0])
 
+    def stands_out_with(self, fit: Fit, term: Term, sizes: Array) -> float:
+        """The same of a further term that has these coefficients (k,)."""
+        terms = in_order((*fit.terms, term))
+        design = self._design(terms)
+        mean, cov = self._posterior(design, fit.noise)
+        number = terms.index(term)
+        part = slice(design.edges[number], design.edges[number + 1])
+        of_others = mean.copy()
+        of_others[part] = 0.0
+        with_term = of_others.copy()
+        with_term[part] = sizes
+        acting = Contributions(design, with_term, cov)
+        acting.rest = Contributions(design, of_others, cov).rest
+        z = standing(acting, acting.main, [number])
+        return float(z[0])
+
+    def score_disturbed(self, fit: Fit, term: Term, sizes: Array) -> float:
+        """What the score of a set would be, were a further term there with these coefficients (k,), and not in the set.
+
+        The residual plus the term's part is fitted by the others, which is to hold the term's coefficients at
+        ``-sizes``: the others are N(m_o - S_ot S_tt^-1 (m_t + sizes), S_oo - S_ot S_tt^-1 S_to). Noise is as likely as
+        it is then, and takes what it can.
+        """
+        terms = in_order((*fit.terms, term))
+        both = self._design(terms)
+        alone = self._design(fit.terms)
+        number = terms.index(term)
+        held = np.arange(both.edges[number], both.edges[number + 1])
+        free = np.setdiff1d(np.arange(len(both.columns)), held)
+        noise = fit.noise
+        for rounds_left in reversed(range(ROUNDS + 1)):
+            mean, cov = self._posterior(both, noise)
+            gain = np.linalg.solve(cov[np.ix_(held, held)], cov[held])
+            mean = mean - (mean[held] + sizes) @ gain
+            cov = cov - cov[:, held] @ gain
+            rest = Contributions(both, mean, cov).rest
+            of_others = mean[free], cov[np.ix_(free, free)]
+            form = form_variance(Contributions(alone, *of_others))
+            energies = self.noises.energies(rest)
+            fresh = self.noises.likeliest(rest, energies, form)
+            if not rounds_left or _agree(noise, fresh):
+                break
+            noise = fresh
+        log_likelihood, loudness = self.noises.log_likelihood(energies, form)
+        evidence = self._laplace(alone, *of_others, log_likelihood)
+        return TRUST * evidence + sum(t.prior for t in fit.terms) - loudness
+
     @staticmethod
     def most_log_factors(terms: Sequence[Term]) -> float:
         """What ``log_factors`` is where every coefficient is surely within its bounds, and every term worth a name."""

@@ -1,18 +1,19 @@
 """The smallest size of every effect that these flights would have shown.
 
-An effect that acts with size b is named where its set gains more than its prior odds cost, and where it does more than
-one percent of the weight (significance.py). With s the standard deviation of the posterior in units of the prior,
-b = z s gains by Laplace's approximation (evidence.py)
+An effect that acts with size b is named where its set gains more than its prior odds cost, and where it stands out
+(significance.py). With s the standard deviation of the posterior in units of the prior, b = z s gains by Laplace's
+approximation (evidence.py), the noise as it is,
 
     log odds = TRUST (z^2 / 2 + log s) + log prior odds
 
-so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) / TRUST - 2 log s. A size of (z + 1.64) s
-is estimated at z s or more in 95 of 100 flights. Nor may it be small in the whole flight (``FlightFit.is_small``).
+so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) / TRUST - 2 log s. Without the effect the
+noise takes what it can, and z^2 / 2 becomes what its likelihood loses (``Evidence.score_disturbed``). What is estimated
+is (1 - s^2) b, and at least (1 - s^2) b - 1.64 s in 95 of 100 flights. Nor may it be small in the whole flight
+(``FlightFit.is_small``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,20 +23,37 @@ from models.effects import Coefficient, Context
 from replay.search.posterior import Walked
 from replay.search.significance import tops_of_columns
 from replay.search.terms import Term
-from replay.search.thresholds import NAMED, OWN, SMALL, TRUST
+from replay.search.thresholds import LEARNT, NAMED, SMALL, TRUST
 
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""
-_NAMED_SIZE = 1.0
-"""Smallest top of a named contribution, in hundredths of the weight (``significance.standing``)."""
+
+STEP = 1.2
+STEPS = 12
+"""By this a size is raised until it is named, and so often: to nine times what the noise as it is asks for."""
 
 TINY = 1e-12
 """Keeps a division finite where a column does nothing."""
 
 
 @dataclass(frozen=True)
+class LeastSize:
+    """The least size of the coefficient of a term that would have shown soonest, in its own unit, on one flight."""
+
+    term: Term
+    number: int
+    flight: int
+    size: float
+
+    @property
+    def coefficient(self) -> Coefficient:
+        """What has that size."""
+        return self.term.named.coefficients[self.number]
+
+
+@dataclass(frozen=True)
 class Visible:
-    """The least size of one coefficient of an effect that would have been named."""
+    """The same as people say it."""
 
     what: str
     coefficient: str
@@ -45,81 +63,128 @@ class Visible:
 
 
 def visible(walked: Walked) -> tuple[Visible, ...]:
-    """For every effect that is not in the best set what it would have taken, beside that set.
-
-    Of an effect with several coefficients it is the one that would have shown soonest, in the shape that would. Effects
-    that the flights cannot show are left out: ``Library.lacking`` says why.
-    """
-    named = walked.best.effects
-    by_name: dict[str, list[Term]] = {}
-    for term in walked.evidence.library.terms:
-        if term.effect is None or term.effect.search.remainder:
-            continue
-        if term.name not in named:
-            by_name.setdefault(term.name, []).append(term)
-    gain = walked.evidence.screen(walked.best)
-    found = [_least_of(walked, terms, gain) for terms in by_name.values()]
-    return tuple(one for one in found if one is not None)
-
-
-def _least_of(walked: Walked, terms: Sequence[Term], gain: Array) -> Visible | None:
-    """Of one effect, in its likeliest shape beside the best set by the ``gain`` of every term."""
+    """For every effect that is not in the best set what it would have taken, beside that set."""
     library = walked.evidence.library
-    numbers = library.numbers_of[terms[0].key]
-    likeliest = max(numbers, key=lambda number: float(gain[number]))
-    term = library.terms[likeliest]
-    sizes = _least_sizes(walked, term)
-    # Sizes of several units are compared by the prior: what would be least unusual.
-    soonest = int(np.argmin(sizes))
-    if not np.isfinite(sizes[soonest]):
-        return None
-    flight = min(term.places)
-    context = library.records[flight].context
-    scale = term.scale[term.place(flight)]
-    least = float(sizes[soonest] * scale[soonest])
-    coefficient = term.named.coefficients[soonest]
-    farthest = max(coefficient.most(context), -coefficient.least(context))
-    if least > farthest:
-        return None
-    name, size, unit = _said(term, context, coefficient, least)
-    return Visible(
-        what=term.name,
-        coefficient=name,
-        axes=_axes(walked, term, soonest),
-        least=size,
-        unit=unit,
-    )
+    out = []
+    for least in least_sizes(walked):
+        name, size, unit = _said(least, library.records[least.flight].context)
+        axes = _axes(walked, least)
+        out.append(Visible(least.term.name, name, axes, size, unit))
+    return tuple(out)
 
 
-def _said(
-    term: Term, context: Context, coefficient: Coefficient, least: float
-) -> tuple[str, float, str]:
+def least_sizes(walked: Walked) -> list[LeastSize]:
+    """Of every effect that is not in the best set, in its likeliest shape beside that set.
+
+    Effects that the flights cannot show are left out: ``Library.lacking`` and ``excited`` say why.
+    """
+    library = walked.evidence.library
+    gain = walked.evidence.screen(walked.best)
+    known = set(walked.best.effects)
+    out = []
+    for numbers in library.numbers_of.values():
+        likeliest = max(numbers, key=lambda number: float(gain[number]))
+        term = library.terms[likeliest]
+        if term.effect is None or term.effect.search.remainder or term.name in known:
+            continue
+        known.add(term.name)
+        if not excited(walked, term):
+            continue
+        least = _least_size(walked, term)
+        context = library.records[least.flight].context
+        farthest = max(least.coefficient.most(context), -least.coefficient.least(context))
+        if least.size <= farthest:
+            out.append(least)
+    return out
+
+
+def excited(walked: Walked, term: Term) -> bool:
+    """Whether the flights would know one of its main coefficients, beside the set.
+
+    Its standard deviation s / sqrt(TRUST) makes less than a hundredth of the weight, the smallest effect that is named.
+    """
+    evidence = walked.evidence
+    fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
+    part = fit.part(term)
+    variance = np.diag(fit.cov[part, part]) / TRUST
+    error = np.sqrt(variance)
+    # Where the prior alone says as much, the flight has said nothing.
+    known = error < LEARNT / np.sqrt(TRUST)
+    unit = np.zeros(len(term.columns))
+    for channel in evidence.library.channels:
+        unit = np.maximum(unit, tops_of_columns(channel, term))
+    shown = known & (term.main > 0) & (error * unit < 1.0)
+    return bool(shown.any())
+
+
+def _said(least: LeastSize, context: Context) -> tuple[str, float, str]:
     """Name, size and unit as people say it: with the other parameters at their prior mean."""
-    effect = term.named
+    effect = least.term.named
+    coefficient = least.coefficient
     quantity = next((q for q in effect.shown.quantities if q.instead_of == coefficient.name), None)
     if quantity is None:
-        return coefficient.name, least, coefficient.unit
+        return coefficient.name, least.size, coefficient.unit
     usual = {c.name: c.mean(context) for c in effect.coefficients}
-    usual |= {s.name: value for s, value in zip(effect.shapes, term.shape, strict=True)}
-    said = effect.said(context, usual | {coefficient.name: least})
+    usual |= {s.name: value for s, value in zip(effect.shapes, least.term.shape, strict=True)}
+    said = effect.said(context, usual | {coefficient.name: least.size})
     return quantity.name, said[quantity.name], quantity.unit
 
 
-def _least_sizes(walked: Walked, term: Term) -> Array:
-    """Of every coefficient (k,) in units of its prior; infinite where none would do."""
+def _least_size(walked: Walked, term: Term) -> LeastSize:
+    """Of the coefficient of a term that would have shown soonest; infinite where none would."""
     best = walked.best
     fit = walked.evidence.refit([*best.terms, term], best.noise)
     part = fit.part(term)
-    place = term.place(min(term.places))
-    variance = np.diag(fit.cov[part, part])
-    sd = np.sqrt(variance)[place]
-    odds = (NAMED - term.log_odds) / TRUST
-    log_sd = np.log(np.minimum(sd, 1.0))
-    z = np.sqrt(np.maximum(2.0 * odds - 2.0 * log_sd, 0.0))
-    by_evidence = (z + _ONE_SIDED) * sd
-    by_weight = np.maximum(_for_a_hundredth(walked, term), _not_small(walked, term))[place]
-    main = term.main[place] > 0.0
-    return np.where(main, np.maximum(by_evidence, by_weight), np.inf)
+    flight = min(term.places)
+    place = term.place(flight)
+    # In units of the prior from here on.
+    variance = np.diag(fit.cov[part, part])[place]
+    sd = np.minimum(np.sqrt(variance), 1.0)
+    log_odds = NAMED - term.log_odds - TRUST * np.log(sd)
+    z = np.sqrt(np.maximum(2.0 / TRUST * log_odds, 0.0))
+    sizes = np.maximum(z * sd, _not_small(walked, term)[place])
+    for number in range(len(place)):
+        sizes[number] = _standing_from(walked, term, int(place[number]), float(sizes[number]))
+    # Sizes of several units are compared by the prior: what would be least unusual.
+    number = int(np.argmin(sizes))
+    size = _named_from(walked, term, int(place[number]), float(sizes[number]))
+    shown = max(1.0 - float(variance[number]), TINY)
+    size = (size + _ONE_SIDED * float(sd[number])) / shown
+    return LeastSize(
+        term=term,
+        number=number,
+        flight=flight,
+        size=size * float(term.scale[place[number]]),
+    )
+
+
+def _standing_from(walked: Walked, term: Term, column: int, size: float) -> float:
+    """The size, from ``size`` on, at which a column of a term stands out; infinite where it is no main one."""
+    if term.main[column] == 0.0 or not np.isfinite(size):
+        return np.inf
+    acting = np.zeros(len(term.columns))
+    acting[column] = size
+    stands_out = walked.evidence.stands_out_with(walked.best, term, acting)
+    return size / min(max(stands_out, TINY), 1.0)
+
+
+def _named_from(walked: Walked, term: Term, column: int, size: float) -> float:
+    """The size, from ``size`` on, at which a term with one column is likelier than not; infinite for none."""
+    evidence = walked.evidence
+    best = walked.best
+    named = evidence.fit([*best.terms, term], best.noise)
+    named_score = TRUST * named.evidence + named.prior
+    acting = np.zeros(len(term.columns))
+    for _ in range(STEPS):
+        if not np.isfinite(size):
+            break
+        acting[column] = size
+        unusual = 0.5 * TRUST * size**2
+        gained = named_score - unusual - evidence.score_disturbed(best, term, acting)
+        if gained >= NAMED:
+            return size
+        size *= STEP
+    return np.inf
 
 
 def _not_small(walked: Walked, term: Term) -> Array:
@@ -144,22 +209,10 @@ def _not_small(walked: Walked, term: Term) -> Array:
     return least
 
 
-def _for_a_hundredth(walked: Walked, term: Term) -> Array:
-    """Size (k,) at which each column does what a name takes, on the channel where that is soonest."""
-    out = np.full(len(term.columns), np.inf)
-    for channel in walked.evidence.library.channels:
-        if term.named.search.needs_moments and channel.axis < 3:
-            continue
-        share = tops_of_columns(channel, term)
-        acting = channel.where[term.columns] >= 0
-        size = max(_NAMED_SIZE, OWN) / np.maximum(share, TINY)
-        out = np.minimum(out, np.where(acting, size, np.inf))
-    return out
-
-
-def _axes(walked: Walked, term: Term, coefficient: int) -> tuple[str, ...]:
+def _axes(walked: Walked, least: LeastSize) -> tuple[str, ...]:
     """Axes that were judged and on which the coefficient acts."""
-    column = term.columns[term.place(min(term.places))[coefficient]]
+    term = least.term
+    column = term.columns[term.place(least.flight)[least.number]]
     channels = walked.evidence.library.channels
     acting = {channel.axis for channel in channels if channel.where[column] >= 0}
     return tuple(AXES[axis] for axis in sorted(acting))

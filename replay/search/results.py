@@ -13,15 +13,13 @@ from models.effects.adopted_effect import UNTIL_S
 from replay.search.channel import hundredths
 from replay.search.estimates import IntervalEstimate, Sizes, sizes
 from replay.search.held_out import FlightFit
-from replay.search.least_visible import Visible, visible
+from replay.search.least_visible import Visible, excited, visible
 from replay.search.posterior import Walked, aliases, class_of
 from replay.search.pruning import acting, carried, helpful, predictive, share
 from replay.search.repeated_effects import with_others
 from replay.search.shape_estimates import shape_estimates
-from replay.search.significance import tops_of_columns
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
-from replay.search.thresholds import LEARNT, TRUST
 
 _WAYS = (
     ("push forward", "push backward"),
@@ -249,29 +247,10 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
     for name, own in numbers.items():
         likeliest = max(own, key=lambda i: float(gain[i]))
         term = library.terms[likeliest]
-        excited = name in walked.dropped or _excited(walked, term)
-        if excited:
+        shown = name in walked.dropped or excited(walked, term)
+        if shown:
             reason = walked.why_not(name)
         else:
             reason = "this flight hardly excites it: " + term.named.excite
-        out.append(Rejected(name, reason, excited, walked.probability(name, ())))
+        out.append(Rejected(name, reason, shown, walked.probability(name, ())))
     return tuple(out)
-
-
-def _excited(walked: Walked, term: Term) -> bool:
-    """Whether the flights would know one of its main coefficients, beside the set.
-
-    Its standard deviation s / sqrt(TRUST) makes less than a hundredth of the weight, the smallest effect that is named.
-    """
-    evidence = walked.evidence
-    fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
-    part = fit.part(term)
-    variance = np.diag(fit.cov[part, part]) / TRUST
-    error = np.sqrt(variance)
-    # Where the prior alone says as much, the flight has said nothing.
-    known = error < LEARNT / np.sqrt(TRUST)
-    unit = np.zeros(len(term.columns))
-    for channel in evidence.library.channels:
-        unit = np.maximum(unit, tops_of_columns(channel, term))
-    shown = known & (term.main > 0) & (error * unit < 1.0)
-    return bool(shown.any())
