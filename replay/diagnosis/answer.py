@@ -277,7 +277,7 @@ class Diagnosis(Searched):
         lines = [f"  judged: {judged}; not judged: {unjudged}"]
         seen = [f"{v.what} ({least_text(v)})" for v in self.could_have_seen]
         if seen:
-            lines.append(f"  would have been named from this size on: {', '.join(seen)}")
+            lines.append(f"  would have been seen from this size on: {', '.join(seen)}")
         return lines
 
     def _read_from(self) -> list[str]:

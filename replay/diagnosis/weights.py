@@ -32,6 +32,6 @@ def in_shares(
 
 
 def least_in_shares(one: Visible, vehicle: Vehicle) -> Visible:
-    """The least size that would have been named, as it is said of this vehicle."""
+    """The least size that would have been seen, as it is said of this vehicle."""
     factor, unit = scale(one.unit, vehicle)
     return replace(one, least=one.least * factor, unit=unit)

@@ -134,7 +134,7 @@ def _digits(e: IntervalEstimate) -> int:
 
 
 def least_text(v: Visible) -> str:
-    """``mass_kg 0.15 kg``: the smallest size that would have been named."""
+    """``mass_kg 0.15 kg``: the smallest size that would have been seen."""
     return f"{v.coefficient} {v.least:.2g} {unit_words(v.unit)}".rstrip()
 
 

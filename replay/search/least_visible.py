@@ -9,7 +9,7 @@ approximation (evidence.py), the noise as it is,
 so the least z for log odds of ``NAMED`` is z^2 = 2 (NAMED - log prior odds) / TRUST - 2 log s. Without the effect the
 noise takes what it can, and z^2 / 2 becomes what its likelihood loses (``Evidence.score_disturbed``). What is estimated
 is (1 - s^2) b, and at least (1 - s^2) b - 1.64 s in 95 of 100 flights. Nor may it be small in the whole flight
-(``FlightFit.is_small``).
+(``FlightFit.is_small``). ``SURE`` is for all else.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from replay.search.thresholds import LEARNT, NAMED, SMALL, TRUST
 _ONE_SIDED = 1.64
 """Standard deviations that 95 of 100 estimates lie above, below their mean."""
 
+SURE = 1.3
+"""By this the least size is larger: held-out time asks for more, and of several shapes another one may be taken."""
 STEP = 1.2
 STEPS = 12
 """By this a size is raised until it is named, and so often: to nine times what the noise as it is asks for."""
@@ -149,7 +151,7 @@ def _least_size(walked: Walked, term: Term) -> LeastSize:
     number = int(np.argmin(sizes))
     size = _named_from(walked, term, int(place[number]), float(sizes[number]))
     shown = max(1.0 - float(variance[number]), TINY)
-    size = (size + _ONE_SIDED * float(sd[number])) / shown
+    size = SURE * (size + _ONE_SIDED * float(sd[number])) / shown
     return LeastSize(
         term=term,
         number=number,
