@@ -141,6 +141,9 @@ def _doubt(f: Found) -> str:
 
 def _look(answer: Diagnosis) -> str:
     """Where the cause of what remains may be found."""
+    sought = [c.course.asks for c in answer.channels if c.course is not None]
+    if sought:
+        return f"Look on the vehicle, or around it, for {listed(sought)}."
     if answer.channels:
         names = listed([channel_words(c.name) for c in answer.channels[:3]])
         return f"Look at what changes on the vehicle, or around it, together with: {names}."

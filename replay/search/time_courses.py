@@ -32,6 +32,13 @@ class TimeCourse:
             return f"a swing at {self.swing_hz:.2g} Hz"
         return f"a change at {self.since_s:.0f} s that lasts"
 
+    @property
+    def asks(self) -> str:
+        """What a person may look for: ``what swings at 0.7 Hz`` or ``what began at 102 s and stayed``."""
+        if self.swing_hz is not None:
+            return f"what swings at {self.swing_hz:.2g} Hz"
+        return f"what began at {self.since_s:.0f} s and stayed"
+
     def as_json(self) -> dict[str, float]:
         """Frequency or beginning."""
         if self.swing_hz is not None:

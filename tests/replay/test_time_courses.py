@@ -11,6 +11,7 @@ from noise_records import noise_record
 from models.common.frames import Array
 from models.effects import catalogue
 from replay.diagnosis.diagnose import Diagnosis, conclude
+from replay.diagnosis.next_step import next_step
 from replay.residual.record import Record
 from replay.search.time_courses import time_courses
 
@@ -99,6 +100,10 @@ def test_a_change_that_lasts_is_said_with_its_time(quiet: Record) -> None:
     assert answer.verdict == "unexplained"
     (carrier,) = carriers(answer)
     assert carrier == {"name": "time_s", "axes": ["Fy"], "since_s": pytest.approx(at_s, abs=2.0)}
+    action = next_step(answer).action
+    assert action.startswith(
+        "Look on the vehicle, or around it, for what began at 50 s and stayed."
+    )
 
 
 def test_quiet_air_has_neither(quiet: Record) -> None:
