@@ -31,6 +31,8 @@ def strongest_swing(record: Record, x: Array) -> Swing:
     Noise and unsteady air spread over many frequencies, a swing is in the three lines about its own (Harris 1978,
     Proc. IEEE 66, 51).
     """
+    if not record.valid.any():
+        return Swing()
     mean = x[record.valid].mean()
     about_mean = np.where(record.valid, x - mean, 0.0)
     power = np.abs(np.fft.rfft(about_mean * np.hanning(len(x)))) ** 2

@@ -82,6 +82,11 @@ def test_a_short_flight_has_no_change(quiet: Record) -> None:
     assert [c for c in courses if c.since_s is not None] == []
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_flight_that_is_not_judged_has_neither(quiet: Record) -> None:
+    assert time_courses(replace(quiet, valid=np.zeros(len(quiet.valid), bool)), FX) == ()
+
+
 def test_a_swing_is_said_with_its_frequency(quiet: Record) -> None:
     answer = conclude([swing(quiet)], effects=EFFECTS)
     assert answer.verdict == "unexplained"
