@@ -1,9 +1,9 @@
 """Are effects seen from the size on that ``could_have_seen`` says?
 
-``python tests/benchmarks diagnosis.least_sizes [--round N...] [--seed N...] [--keep DIR]``. Of flights that lack
-nothing (``null_*``: rounds of the first simulator, seeds of the second) every effect that was not named is added to
-the residual with its least size, one at a time, and the flight is judged again. What is added is the catalogue's own
-law: this asks for the size, not for the physics. Everything is simulated.
+``python tests/benchmarks diagnosis.least_sizes [--round N...] [--seed N...] [--flight LOG VEHICLE]...``. Of simulated
+flights that lack nothing (``null_*``: rounds of the first simulator, seeds of the second) and of real logs every
+effect that was not named is added to the residual with its least size, one at a time, and the flight is judged again.
+What is added is the catalogue's own law: this asks for the size, not for the physics.
 
 ``named``: the effect, or one that the answer cannot tell from it. ``seen``: the answer is another one than without it.
 ``quiet``: it is the same one.
@@ -40,11 +40,12 @@ from replay.search.walk import walk
 
 @dataclass(frozen=True)
 class Flight:
-    """A log without suffix, and its declared model."""
+    """A log, its vehicle file, and its declared model."""
 
     name: str
-    path: Path
-    model: str | None
+    log: Path
+    vehicle: Path
+    model: str | None = None
 
 
 @dataclass(frozen=True)
@@ -64,19 +65,20 @@ def main() -> int:
     args = _parser().parse_args()
     folder = args.keep or Path(tempfile.gettempdir()) / "least-sizes"
     rows: list[Row] = []
-    for flight in chain(_first(folder, args), _second(folder, args)):
+    real = [Flight(Path(log).stem, Path(log), Path(vehicle)) for log, vehicle in args.flight]
+    for flight in chain(_first(folder, args), _second(folder, args), real):
         for row in rows_of(flight):
             rows.append(row)
             print(line(row), flush=True)
     figures = [
         counted("named from the least size on", [r.named for r in rows], least=0.8),
-        counted("seen from the least size on", [r.seen for r in rows], least=0.95),
+        counted("seen from the least size on", [r.named or r.seen for r in rows], least=0.95),
     ]
     print()
     for figure in figures:
         print(f"{figure['what']:32s} {figure['value']:>6s}  ({figure['detail']})")
-    rounds = f"rounds {args.round}, seeds {args.seed}"
-    write_result(args, figures, seeds=rounds, simulated=True)
+    flown = f"rounds {args.round}, seeds {args.seed}, flights {[f.name for f in real]}"
+    write_result(args, figures, seeds=flown, simulated=not real)
     write_rows(args.json, rows)
     return 0
 
@@ -85,6 +87,14 @@ def _parser() -> argparse.ArgumentParser:
     p = command_line.parser(__doc__)
     p.add_argument("--round", type=int, nargs="*", default=[], help="of the first simulator")
     p.add_argument("--seed", type=int, nargs="*", default=[], help="of the second one")
+    p.add_argument(
+        "--flight",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("LOG", "VEHICLE"),
+        help="a real log and its vehicle file, judged without a model",
+    )
     add_options(p, timeout_s=300.0)
     return p
 
@@ -97,7 +107,8 @@ def _first(folder: Path, args: argparse.Namespace) -> Iterator[Flight]:
         model = train(place / "table.csv", args.method, folder)
         for name in nulls:
             declared = str(model) if truth[name]["model"] == "table" else None
-            yield Flight(f"{number}/{name}", place / name, declared)
+            base = str(place / name)
+            yield Flight(f"{number}/{name}", Path(f"{base}.tlog"), Path(f"{base}.toml"), declared)
 
 
 def _second(folder: Path, args: argparse.Namespace) -> Iterator[Flight]:
@@ -105,12 +116,14 @@ def _second(folder: Path, args: argparse.Namespace) -> Iterator[Flight]:
         declared = None
         if read_truth(folder, case)["model"] == "table":
             declared = str(train(folder / "guarded.csv", args.method, folder))
-        yield Flight(f"{case.seed}/{case.name}", stem(folder, case), declared)
+        base = str(stem(folder, case))
+        name = f"{case.seed}/{case.name}"
+        yield Flight(name, Path(f"{base}.tlog"), Path(f"{base}.toml"), declared)
 
 
 def rows_of(flight: Flight) -> Iterator[Row]:
     """Every effect that the flight would have shown, from the size on that is said."""
-    answer = replay.diagnose(f"{flight.path}.tlog", f"{flight.path}.toml", flight.model)
+    answer = replay.diagnose(flight.log, flight.vehicle, flight.model)
     (record,) = answer.records
     walked = walk([record], catalogue())
     for least in least_sizes(walked):
