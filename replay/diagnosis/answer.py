@@ -366,6 +366,8 @@ def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
     for key, time in (("since_s", FROM_S), ("until_s", UNTIL_S)):
         if f.parameters.get(time, 0.0) > 0.0:
             out[key] = f.parameters[time]
+    if not f.told_from_zero:
+        out["told_from_zero"] = False
     if f.without:
         out["without"] = f.without
     if f.members:
@@ -404,6 +406,8 @@ def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
         f"  {' or '.join(names)} ({sure}): {numbers}; {explains_text(f.explains)}",
         f"    {kept_words(f.effect, ended=f.ended)}{flown}",
     ]
+    if not f.told_from_zero:
+        lines.append("    its size is not told from zero")
     if f.without:
         lines.append(f"    not on {', '.join(f.without)}: there it makes the error larger")
     if f.members:

@@ -74,6 +74,15 @@ class Found:
         return any(e.determined for e in self.fitted if e.name in self.effect.main_names)
 
     @property
+    def told_from_zero(self) -> bool:
+        """Whether zero lies outside of the interval of a coefficient that makes the effect; True where none is known.
+
+        An effect is likelier than none together with those that may act in its place; its own size may be none.
+        """
+        main = [e for e in self.fitted if e.determined and e.name in self.effect.main_names]
+        return not main or not all(e.holds_zero for e in main)
+
+    @property
     def ended(self) -> bool:
         """Whether it ended in the flight."""
         return self.parameters.get(UNTIL_S, 0.0) > 0.0

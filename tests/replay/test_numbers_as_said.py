@@ -403,6 +403,21 @@ def test_a_class_is_one_entry_with_its_members_and_what_decides(brisk: Diagnosis
     assert "do not tell these apart" in page(answer, answer.vehicle)
 
 
+def test_a_size_that_may_be_none_is_said_to_be_so(brisk: Diagnosis) -> None:
+    """A name stands for its class, too: with its probability, though no interval leaves zero out."""
+    (wind,) = brisk.found
+    assert wind.told_from_zero
+    assert "told_from_zero" not in told(brisk)["effects"][0]
+    wide = tuple(
+        replace(e, value=0.1, ci95=(-0.5, 0.7)) if e.name in wind.effect.main_names else e
+        for e in wind.fitted
+    )
+    answer = replace(brisk, found=(replace(wind, fitted=wide),))
+    assert told(answer)["effects"][0]["told_from_zero"] is False
+    assert "its size is not told from zero" in answer.as_text()
+    assert "Its size is not told from zero" in page(answer, answer.vehicle)
+
+
 def test_a_push_is_said_by_its_way(quiet: Record) -> None:
     fit = fit_of(quiet, np.full(len(quiet.time_s), -2.0), np.sin(np.arange(len(quiet.time_s))))
     steady, changing = (results._push(fit, key) for key in fit.effects)
