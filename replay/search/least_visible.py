@@ -32,7 +32,7 @@ SURE = 1.3
 """By this the least size is larger: held-out time asks for more, and of several shapes another one may be taken."""
 STEP = 1.2
 STEPS = 12
-"""By this a size is raised until it is named, and so often: to nine times what the noise as it is asks for."""
+"""By this a size is raised until it is named, and tried so often: to seven times what the noise as it is asks for."""
 
 TINY = 1e-12
 """Keeps a division finite where a column does nothing."""
