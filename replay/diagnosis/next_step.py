@@ -141,12 +141,18 @@ def _doubt(f: Found) -> str:
 
 def _look(answer: Diagnosis) -> str:
     """Where the cause of what remains may be found."""
-    sought = [c.course.asks for c in answer.channels if c.course is not None]
-    if sought:
-        return f"Look on the vehicle, or around it, for {listed(sought)}."
-    if answer.channels:
-        names = listed([channel_words(c.name) for c in answer.channels[:3]])
-        return f"Look at what changes on the vehicle, or around it, together with: {names}."
+    in_time = [c.course.to_look_for for c in answer.channels if c.course is not None]
+    names = [channel_words(c.name) for c in answer.channels if c.course is None]
+    sentences = []
+    if in_time:
+        sentences.append(f"Look on the vehicle, or around it, for {listed(in_time)}.")
+    if names:
+        together = listed(names[:3])
+        sentences.append(
+            f"Look at what changes on the vehicle, or around it, together with: {together}."
+        )
+    if sentences:
+        return " ".join(sentences)
     return (
         "What remains follows no logged quantity: gusts, a rope, a person's hand, or a sensor "
         "that is not in the log. Remember, or look in a video, what happened at the times listed "

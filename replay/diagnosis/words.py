@@ -75,7 +75,7 @@ def carrier_words(carrier: CarryingChannel, name: str) -> str:
     """A channel, by its ``name`` for the reader, and what the force does in time where it follows time alone."""
     if carrier.course is None:
         return name
-    return f"{name}: {carrier.course.in_words}"
+    return f"{name}, {carrier.course.in_words}"
 
 
 def plain(name: str) -> str:

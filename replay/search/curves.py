@@ -54,7 +54,7 @@ class CarryingChannel:
     score: float
     axis: str
     course: TimeCourse | None = None
-    """Of a force that swings or changes in time."""
+    """Where the force follows time alone."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
             odds_of_each = odds / max(len(bases) + len(courses), 1)
             for basis in bases:
                 yield Curve(name, axis, basis, odds_of_each)
-            for course in courses:
-                basis = (_centred(course.columns, records[0]),)
+            for course, columns in courses:
+                basis = (_centred(columns, records[0]),)
                 yield Curve(name, axis, basis, odds_of_each, course)
 
 

@@ -19,9 +19,8 @@ MOST = 0.5
 
 @dataclass(frozen=True)
 class TimeCourse:
-    """Columns (n, k) of a force along one axis, and what a reader is told of them."""
+    """What a reader is told of a force that follows time alone: its frequency, or the time from which on it acts."""
 
-    columns: Array
     swing_hz: float | None = None
     since_s: float | None = None
 
@@ -33,7 +32,7 @@ class TimeCourse:
         return f"a change at {self.since_s:.0f} s that lasts"
 
     @property
-    def asks(self) -> str:
+    def to_look_for(self) -> str:
         """What a person may look for: ``what swings at 0.7 Hz`` or ``what began at 102 s and stayed``."""
         if self.swing_hz is not None:
             return f"what swings at {self.swing_hz:.2g} Hz"
@@ -48,13 +47,16 @@ class TimeCourse:
         return {}
 
 
-def time_courses(record: Record, axis: int) -> tuple[TimeCourse, ...]:
-    """The swing that has most of the energy of an axis, and the best change; none where the flight is too short."""
+def time_courses(record: Record, axis: int) -> tuple[tuple[TimeCourse, Array], ...]:
+    """The swing that has most of the energy of an axis, and the best change, each with its columns (n, k).
+
+    None where the flight is too short.
+    """
     courses = (_swing(record, axis), _change(record, axis))
     return tuple(course for course in courses if course is not None)
 
 
-def _swing(record: Record, axis: int) -> TimeCourse | None:
+def _swing(record: Record, axis: int) -> tuple[TimeCourse, Array] | None:
     """cos and sin of the strongest line of the periodogram and of its neighbours; None where the vehicle flies so.
 
     A frequency between two lines is the sum of all three.
@@ -66,7 +68,7 @@ def _swing(record: Record, axis: int) -> TimeCourse | None:
     for line in LINES:
         phase = 2.0 * np.pi * (swing.hz + line * swing.line_hz) * record.time_s
         columns += [np.cos(phase), np.sin(phase)]
-    return TimeCourse(np.stack(columns, axis=1), swing_hz=swing.hz)
+    return TimeCourse(swing_hz=swing.hz), np.stack(columns, axis=1)
 
 
 def _flown(record: Record, swing: Swing) -> bool:
@@ -79,7 +81,7 @@ def _flown(record: Record, swing: Swing) -> bool:
     return False
 
 
-def _change(record: Record, axis: int) -> TimeCourse | None:
+def _change(record: Record, axis: int) -> tuple[TimeCourse, Array] | None:
     """1 and exp(-(t - t0) / ONSET_S) from t0 on: a change at once, or one that comes slowly."""
     since_s = _change_at(record, record.residual[:, axis])
     if since_s is None:
@@ -87,7 +89,8 @@ def _change(record: Record, axis: int) -> TimeCourse | None:
     after_s = record.time_s - since_s
     begun = after_s >= 0.0
     slowly = np.where(begun, np.exp(-np.maximum(after_s, 0.0) / ONSET_S), 0.0)
-    return TimeCourse(np.stack([begun.astype(float), slowly], axis=1), since_s=since_s)
+    columns = np.stack([begun.astype(float), slowly], axis=1)
+    return TimeCourse(since_s=since_s), columns
 
 
 def _change_at(record: Record, x: Array) -> float | None:
